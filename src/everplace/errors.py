@@ -1,0 +1,96 @@
+"""Every error everplace raises on purpose.
+
+Each message is one sentence that names the file or option and the remedy; the command prints it and exits with
+the class's status.
+
+    EverplaceError
+    ├── InputError                  bad usage or bad input, exit status 2
+    │   ├── ConfigError             an option, a TOML file or a value in it
+    │   ├── RouteError              the structure of a route: folders, stems, conditions, poses
+    │   ├── ImageError              one image file that cannot be decoded
+    │   ├── DescriptorsError        a descriptor file or array
+    │   ├── CheckpointError         a run directory or a checkpoint
+    │   └── MethodError             a method that does not exist or cannot run here
+    │       └── MissingExtraError   an optional dependency is not installed
+    └── MachineError                the machine failed, exit status 1
+        ├── StorageError            disk full, no permission, quota
+        └── DivergedError           training met a number that is not finite
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "CheckpointError",
+    "ConfigError",
+    "DescriptorsError",
+    "DivergedError",
+    "EverplaceError",
+    "ImageError",
+    "InputError",
+    "MachineError",
+    "MethodError",
+    "MissingExtraError",
+    "RouteError",
+    "StorageError",
+]
+
+
+class EverplaceError(Exception):
+    """Base of every error that everplace raises on purpose.
+
+    Attributes:
+        exit_status: The exit status of a command that ends with this error.
+    """
+
+    exit_status: int = 1
+
+
+class InputError(EverplaceError):
+    """Bad usage or bad input; the message names the file or option and the remedy."""
+
+    exit_status = 2
+
+
+class ConfigError(InputError):
+    """An option, a TOML file or a value in it is wrong."""
+
+
+class RouteError(InputError):
+    """A route's folders, stems, conditions or poses are not what the task needs."""
+
+
+class ImageError(InputError):
+    """One image file cannot be decoded."""
+
+
+class DescriptorsError(InputError):
+    """A descriptor file or array is malformed, or two of them do not fit together."""
+
+
+class CheckpointError(InputError):
+    """A run directory or checkpoint is missing, of another version, or was altered."""
+
+
+class MethodError(InputError):
+    """A method does not exist or cannot run here."""
+
+
+class MissingExtraError(MethodError):
+    """An optional dependency is not installed."""
+
+    def __init__(self, what: str, extra: str) -> None:
+        super().__init__(f"{what} needs an optional dependency: pip install 'everplace[{extra}]'")
+
+
+class MachineError(EverplaceError):
+    """The machine failed: the input was right, but the work could not be done."""
+
+    exit_status = 1
+
+
+class StorageError(MachineError):
+    """Writing failed: disk full, no permission, or quota."""
+
+
+class DivergedError(MachineError):
+    """Training met a number that is not finite."""

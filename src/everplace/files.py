@@ -1,0 +1,90 @@
+"""Writing files so that they appear whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from everplace.errors import StorageError
+
+__all__ = ["readable", "whole_directory", "whole_file", "write_bytes", "write_text"]
+
+
+def readable(path: str | os.PathLike[str]) -> str:
+    """Returns a path as text that can always be printed (bytes that are not UTF-8 are escaped)."""
+    return os.fsencode(os.fspath(path)).decode("utf-8", "backslashreplace")
+
+
+@contextlib.contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Gives a temporary sibling to write to; on success it replaces `path` by rename, else it is removed.
+
+    Args:
+        path: The file to create or replace. Its directory is made if missing.
+
+    Yields:
+        The temporary path to write to; it keeps the suffix of `path`, and does not exist yet.
+
+    Raises:
+        StorageError: The disk is full or the place cannot be written to; `path` is as it was before.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_name(f".{path.stem}.{os.getpid()}-{secrets.token_hex(4)}.part{path.suffix}")
+        try:
+            yield temporary
+            with temporary.open("rb+") as file:
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        finally:
+            with contextlib.suppress(OSError):
+                temporary.unlink()
+    except OSError as error:
+        raise StorageError(f"cannot write {readable(path)}: {error.strerror or error}; free space or choose another place") from error
+
+
+@contextlib.contextmanager
+def whole_directory(path: Path) -> Iterator[Path]:
+    """Gives a temporary sibling directory to fill; on success it becomes `path` by rename, else it is removed.
+
+    When `path` appeared meanwhile (another process was faster), that one is kept and ours is removed.
+
+    Args:
+        path: The directory to create; it must not exist yet, or the finished work is dropped in its favour.
+
+    Yields:
+        The temporary directory, which exists and is empty.
+
+    Raises:
+        StorageError: The disk is full or the place cannot be written to; nothing is left behind.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
+        temporary.mkdir()
+        try:
+            yield temporary
+            try:
+                temporary.rename(path)
+            except OSError:
+                if not path.is_dir():
+                    raise
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+    except OSError as error:
+        raise StorageError(f"cannot write {readable(path)}: {error.strerror or error}; free space or choose another place") from error
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Writes a whole file by rename (see `whole_file`)."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a whole UTF-8 file by rename (see `whole_file`)."""
+    write_bytes(path, text.encode("utf-8"))
