@@ -1,0 +1,176 @@
+"""Figures without windows: making them, placing images on them by the inch, and turning them into files."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from numpy.typing import NDArray
+
+from everplace.errors import ConfigError, ImageError
+from everplace.files import readable, whole_file
+from everplace.plots.style import shortened, styled, write_plainly
+
+__all__ = [
+    "Cell",
+    "Image",
+    "displayable",
+    "inch_axes",
+    "new_axes",
+    "new_figure",
+    "place_image",
+    "place_text",
+    "png_bytes",
+    "save_figure",
+    "svg_bytes",
+]
+
+Image: TypeAlias = NDArray[Any]
+"""H×W, H×W×1 or H×W×3 (RGB): uint8, or floating point between 0 and 1."""
+
+
+class Cell(NamedTuple):
+    """A rectangle on an axes from `inch_axes`: its left upper corner and its size, in inches."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+
+
+# Nothing that changes from run to run is stored, so the same picture is the same file.
+_METADATA: dict[str, dict[str, Any]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+
+
+@styled()
+def new_figure(width: float = 8.0, height: float = 4.5) -> Figure:
+    """Makes an empty figure that no window and no `pyplot` knows of.
+
+    Args:
+        width: In inches.
+        height: In inches; the functions that place images set it to what they need.
+    """
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+@styled()
+def new_axes(width: float = 6.0, height: float = 4.5) -> tuple[Figure, Axes]:
+    """Makes a figure with one axes on it (sizes in inches)."""
+    figure = new_figure(width, height)
+    return figure, figure.add_subplot()
+
+
+def inch_axes(figure: Figure, height: float) -> Axes:
+    """Covers the whole figure with one invisible axes whose units are inches, y downwards from the top.
+
+    Args:
+        figure: Keeps its width; gets the height.
+        height: In inches.
+    """
+    figure.set_layout_engine("none")
+    width = float(figure.get_figwidth())
+    figure.set_size_inches(width, height)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_axis_off()
+    axes.set_xlim(0.0, width)
+    axes.set_ylim(height, 0.0)
+    return axes
+
+
+def displayable(image: Image) -> NDArray[np.uint8]:
+    """Brings an image into the one form that is drawn.
+
+    Args:
+        image: H×W, H×W×1 or H×W×3; uint8 in [0, 255], or floating point in [0, 1] (clipped, NaN is black).
+
+    Returns:
+        H×W×3, uint8.
+
+    Raises:
+        ImageError: The array is no such image.
+    """
+    array = np.asarray(image)
+    if array.ndim == 2:
+        array = array[:, :, None]
+    if array.ndim != 3 or array.shape[2] not in (1, 3) or array.size == 0:
+        raise ImageError(
+            f"cannot draw an array of shape {np.shape(image)}; give an image H×W, H×W×1 or H×W×3"
+        )
+    if np.issubdtype(array.dtype, np.floating):
+        array = np.rint(np.clip(np.nan_to_num(array, nan=0.0), 0.0, 1.0) * 255.0).astype(np.uint8)
+    elif array.dtype != np.uint8:
+        raise ImageError(f"cannot draw an image of type {array.dtype}; give uint8, or floats between 0 and 1")
+    return np.ascontiguousarray(np.broadcast_to(array, (*array.shape[:2], 3)))
+
+
+def place_image(axes: Axes, image: Image, cell: Cell) -> AxesImage:
+    """Draws an image into a cell as large as it fits without distortion, centred.
+
+    Args:
+        axes: From `inch_axes`.
+        image: See `displayable`.
+        cell: Where it goes.
+    """
+    pixels = displayable(image)
+    rows, columns = pixels.shape[:2]
+    scale = min(cell.width / columns, cell.height / rows)
+    left = cell.x + (cell.width - columns * scale) / 2
+    top = cell.y + (cell.height - rows * scale) / 2
+    return axes.imshow(pixels, extent=(left, left + columns * scale, top + rows * scale, top), aspect="auto")
+
+
+def place_text(
+    axes: Axes, text: str, x: float, y: float, *, width: float, size: float = 7.5, **options: Any
+) -> None:
+    """Writes one line at a point, shortened to the width it has (inches); `options` go to `Axes.text`."""
+    write_plainly(axes.text(x, y, shortened(text, width, size), fontsize=size, **options))
+
+
+@styled()
+def png_bytes(figure: Figure, dpi: float = 192.0) -> bytes:
+    """Renders a figure as PNG; 192 dots an inch are two pixels for each of a web page's."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi, metadata=_METADATA["png"])
+    return buffer.getvalue()
+
+
+@styled()
+def svg_bytes(figure: Figure) -> bytes:
+    """Renders a figure as SVG, with text as outlines so that it needs no font."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="svg", metadata=_METADATA["svg"])
+    return buffer.getvalue()
+
+
+@styled()
+def save_figure(figure: Figure, path: Path, dpi: float = 192.0) -> None:
+    """Writes a figure whole, in the format that the file's suffix names.
+
+    Args:
+        figure: What to write.
+        path: Ends in `.png`, `.svg` or `.pdf`.
+        dpi: Pixels an inch, where the format has pixels.
+
+    Raises:
+        ConfigError: The suffix is another one.
+        StorageError: The file cannot be written.
+    """
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in _METADATA:
+        raise ConfigError(
+            f"cannot write a picture to {readable(path)}; choose a name that ends in .png, .svg or .pdf"
+        )
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, format=kind, dpi=dpi, metadata=_METADATA[kind])

@@ -1,0 +1,160 @@
+"""Precision-recall curves: all methods in one axes, or one panel for every ordered pair of conditions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from everplace.plots.style import LineLook, line_looks, polish, set_legend, styled, write_plainly
+
+__all__ = ["Curve", "draw_precision_recall", "draw_precision_recall_panels", "from_recall_zero"]
+
+
+class Curve(Protocol):
+    """A precision-recall curve: one point a distinct score, in the order of falling threshold."""
+
+    @property
+    def recall(self) -> NDArray[Any]:
+        """K recalls in [0, 1], never falling."""
+        ...
+
+    @property
+    def precision(self) -> NDArray[Any]:
+        """K precisions in [0, 1]."""
+        ...
+
+    @property
+    def threshold(self) -> NDArray[Any]:
+        """K scores: a proposal counts when its score is at least this high."""
+        ...
+
+
+def from_recall_zero(values: NDArray[Any], *, recall: bool = False) -> NDArray[np.float64]:
+    """Puts the point at recall 0 in front, so that the area drawn is the area reported.
+
+    `auc_pr` counts the rectangle from recall 0 to the curve's first point (docs, "Scores").
+
+    Args:
+        values: The K recalls, precisions or thresholds of a curve.
+        recall: Whether they are the recalls, which get a 0 in front; the others repeat their first value.
+
+    Returns:
+        K + 1 values; none for an empty curve.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    front = np.zeros_like(array[:1]) if recall else array[:1]
+    return np.concatenate([front, array])
+
+
+@styled()
+def draw_precision_recall(
+    axes: Axes,
+    curves: Mapping[str, Curve],
+    *,
+    areas: Mapping[str, float] | None = None,
+    looks: Mapping[str, LineLook] | None = None,
+    title: str = "",
+    legend: bool = True,
+) -> list[Line2D]:
+    """Draws the curves of all methods; a dot marks where each one ends, which is recall@1 at most.
+
+    Args:
+        axes: Where to draw.
+        curves: One curve a method, in the order of the legend; see `Curve`.
+        areas: The `auc_pr` of methods, written beside their names.
+        looks: Colours and dashes a method; by default those of `line_looks(curves)`.
+        title: Written above.
+        legend: Whether to explain the lines inside the axes.
+
+    Returns:
+        One line a method, in order.
+    """
+    chosen = dict(looks) if looks is not None else line_looks(curves)
+    lines: list[Line2D] = []
+    for label, curve in curves.items():
+        look = chosen[label]
+        recall = from_recall_zero(curve.recall, recall=True)
+        (line,) = axes.plot(
+            recall,
+            from_recall_zero(curve.precision),
+            color=look.colour,
+            linestyle=look.dashes,
+            marker="o",
+            markersize=4.0,
+            markevery=[len(recall) - 1] if len(recall) else None,
+            linewidth=1.6,
+        )
+        lines.append(line)
+    polish(axes)
+    axes.set_xlim(0.0, 1.01)
+    axes.set_ylim(0.0, 1.03)
+    axes.set_xlabel("recall")
+    axes.set_ylabel("precision")
+    if title:
+        write_plainly(axes.set_title(title, fontsize=10.0))
+    if legend and lines:
+        set_legend(axes, lines, _legend_labels(curves, areas), loc="best", frameon=True, framealpha=0.85)
+    return lines
+
+
+@styled()
+def draw_precision_recall_panels(
+    figure: Figure,
+    panels: Mapping[tuple[str, str], Mapping[str, Curve]],
+    *,
+    columns: int | None = None,
+) -> list[Axes]:
+    """Draws one panel for every ordered pair of conditions (the paper's Figures 10 and 11).
+
+    A method has the same colour in every panel; one legend below explains them all. The figure keeps its
+    width and gets the height it needs.
+
+    Args:
+        figure: An empty figure.
+        panels: The curves of each (query condition, database condition).
+        columns: Panels in a row; by default such that each row holds one query condition, at most four.
+
+    Returns:
+        One axes a panel, in order.
+    """
+    if columns is None:
+        conditions = {condition for pair in panels for condition in pair}
+        columns = min(4, max(2, len(conditions) - 1))
+    columns = max(1, min(columns, len(panels)))
+    rows = max(1, math.ceil(len(panels) / columns))
+    looks = line_looks(label for curves in panels.values() for label in curves)
+    width = float(figure.get_figwidth())
+    # A panel is about as high as wide; the legend takes a line for every few names.
+    figure.set_size_inches(
+        width, rows * (width / max(columns, 2)) * 0.9 + 0.22 * math.ceil(len(looks) / 4) + 0.15
+    )
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    every: list[Axes] = list(grid.flat)
+    for axes in every[len(panels) :]:
+        axes.remove()
+    drawn = every[: len(panels)]
+    handles: dict[str, Line2D] = {}
+    for place, (axes, ((query, database), curves)) in enumerate(zip(drawn, panels.items(), strict=True)):
+        lines = draw_precision_recall(axes, curves, looks=looks, title=f"{query} in {database}", legend=False)
+        handles |= {label: line for label, line in zip(curves, lines, strict=True) if label not in handles}
+        # The axes are shared: only the panels at the left and at the bottom carry words and numbers.
+        lowest = place + columns >= len(panels)
+        axes.set_xlabel("recall" if lowest else "")
+        axes.set_ylabel("precision" if place % columns == 0 else "")
+        axes.tick_params(labelbottom=lowest, labelleft=place % columns == 0)
+    if handles:
+        set_legend(figure, list(handles.values()), list(handles), loc="outside lower center", ncols=4)
+    return drawn
+
+
+def _legend_labels(curves: Mapping[str, Curve], areas: Mapping[str, float] | None) -> list[str]:
+    """Writes the area beside each name that has one."""
+    known = areas or {}
+    return [f"{label}  {known[label]:.3f}" if label in known else label for label in curves]

@@ -1,0 +1,140 @@
+"""A gallery of matches: what was asked, what was proposed, and what would have been right."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from everplace.plots.canvas import Cell, Image, inch_axes, place_image, place_text
+from everplace.plots.style import MUTED, RIGHT, RIGHT_TEXT, WRONG, WRONG_TEXT, styled
+
+__all__ = ["Match", "draw_matches"]
+
+_EDGE = 0.12
+_GAP = 0.08
+_BETWEEN = 0.3
+_TITLE = 0.3
+_HEADING = 0.22
+_CAPTION = 0.38
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """One query with its best database frame.
+
+    Attributes:
+        query: The query frame's image.
+        proposed: The image of the best database frame.
+        true: The image of the true database frame; None when the query's place is not in the database.
+        score: The score of `proposed`.
+        right: Whether `proposed` shows the query's place.
+        query_name: Written below the query; the other names likewise.
+        proposed_name: Name of the best database frame.
+        true_name: Name of the true database frame.
+    """
+
+    query: Image
+    proposed: Image
+    true: Image | None
+    score: float
+    right: bool
+    query_name: str = ""
+    proposed_name: str = ""
+    true_name: str = ""
+
+
+@styled()
+def draw_matches(
+    figure: Figure, matches: Sequence[Match], *, columns: int | None = None, title: str = ""
+) -> Axes:
+    """Draws query | proposed | true for every match, with its score and whether it is right.
+
+    Right and wrong differ by colour, by the word and its sign, and by the line around the proposal (solid or
+    dashed). The figure keeps its width and gets the height it needs.
+
+    Args:
+        figure: An empty figure.
+        matches: In the order of rows, left to right; none at all gives a picture that says so.
+        columns: Matches beside each other; by default one for up to three matches, else two.
+        title: Written above.
+
+    Returns:
+        The axes, in inches, with three images a match (two where there is no true frame).
+    """
+    columns = max(1, min(columns or (1 if len(matches) <= 3 else 2), len(matches)))
+    width = float(figure.get_figwidth())
+    group = (width - 2 * _EDGE - (columns - 1) * _BETWEEN) / columns
+    cell = (group - 2 * _GAP) / 3
+    tallest = max((match.query.shape[0] / match.query.shape[1] for match in matches), default=0.0)
+    height = cell * min(tallest, 1.5)  # a very tall image is drawn narrower rather than over the whole page
+    top = _EDGE + (_TITLE if title else 0.0)
+    rows = math.ceil(len(matches) / columns)
+    axes = inch_axes(figure, top + _HEADING + max(rows, 1) * (height + _CAPTION) + _EDGE)
+    if title:
+        place_text(axes, title, _EDGE, _EDGE, width=width, size=10.0, va="top")
+    if not matches:
+        place_text(
+            axes,
+            "no match to show",
+            width / 2,
+            top + _HEADING,
+            width=width,
+            size=9.0,
+            ha="center",
+            va="center",
+        )
+        return axes
+    for column in range(columns):
+        for part, heading in enumerate(("query", "proposed", "true")):
+            x = _EDGE + column * (group + _BETWEEN) + part * (cell + _GAP) + cell / 2
+            place_text(axes, heading, x, top, width=cell, size=8.5, ha="center", va="top", color=MUTED)
+    for place, match in enumerate(matches):
+        row, column = divmod(place, columns)
+        x = _EDGE + column * (group + _BETWEEN)
+        _draw_match(axes, match, Cell(x, top + _HEADING + row * (height + _CAPTION), cell, height))
+    return axes
+
+
+def _draw_match(axes: Axes, match: Match, first: Cell) -> None:
+    """Draws one match: the query in the first cell, the two others to its right."""
+    below = first.y + first.height + 0.04
+    parts = (
+        (match.query, match.query_name),
+        (match.proposed, match.proposed_name),
+        (match.true, match.true_name if match.true is not None else ""),
+    )
+    colour, word, line = (RIGHT, RIGHT_TEXT, "-") if match.right else (WRONG, WRONG_TEXT, (0, (4, 2)))
+    for part, (image, name) in enumerate(parts):
+        cell = first._replace(x=first.x + part * (first.width + _GAP))
+        centre = cell.x + cell.width / 2
+        if image is None:
+            place_text(
+                axes,
+                "not in the database",
+                centre,
+                cell.y + cell.height / 2,
+                width=cell.width,
+                ha="center",
+                va="center",
+                color=MUTED,
+            )
+            continue
+        drawn = place_image(axes, image, cell)
+        place_text(axes, name, centre, below, width=cell.width, size=7.0, ha="center", va="top", color=MUTED)
+        if part == 1:
+            x0, x1, y1, y0 = drawn.get_extent()
+            axes.add_patch(
+                Rectangle(
+                    (x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor=colour, linestyle=line, linewidth=2.2
+                )
+            )
+            verdict = f"{word}  {match.score:.3f}"
+            place_text(
+                axes, verdict, centre, below + (0.13 if name else 0.0), width=cell.width, size=8.0,
+                ha="center", va="top", color=colour, fontweight="bold",
+            )  # fmt: skip

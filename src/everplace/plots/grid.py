@@ -1,0 +1,242 @@
+"""Grids of images: swapped reconstructions (Figures 6, 7) and condition-invariant images (Figures 8, 9)."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from everplace.errors import ImageError
+from everplace.plots.canvas import Cell, Image, inch_axes, place_image, place_text
+from everplace.plots.style import INK, MUTED, styled
+
+__all__ = ["draw_constant_grid", "draw_image_grid", "draw_swap_grid"]
+
+_EDGE = 0.1
+_GAP = 0.04
+_TITLE = 0.3
+_LABEL = 0.18
+_HEADER_GAP = 0.1
+_SIZE = 8.0
+
+
+@styled()
+def draw_image_grid(
+    figure: Figure,
+    images: Sequence[Sequence[Image | None]],
+    *,
+    row_labels: Sequence[str] = (),
+    column_labels: Sequence[str] = (),
+    header_row: bool = False,
+    header_column: bool = False,
+    corner: str = "",
+    title: str = "",
+) -> Axes:
+    """Draws R×C images in rows and columns with labels at the left and above.
+
+    The figure keeps its width and gets the height it needs; all cells have the shape of the first image.
+
+    Args:
+        figure: An empty figure.
+        images: R rows of C images; None leaves a cell empty.
+        row_labels: R texts, or none.
+        column_labels: C texts, or none.
+        header_row: Whether the first row is a header, set apart by a wider gap.
+        header_column: Whether the first column is one.
+        corner: Written in the first cell when it is empty; a formula may stand between `$`.
+        title: Written above.
+
+    Returns:
+        The axes, in inches, with the images in the order of rows.
+
+    Raises:
+        ImageError: There is no image, or rows or labels differ in length.
+    """
+    columns = len(images[0]) if images else 0
+    first = next((image for image in itertools.chain.from_iterable(images) if image is not None), None)
+    if first is None or any(len(row) != columns for row in images):
+        raise ImageError("cannot draw a grid of images; give at least one image, and rows of equal length")
+    for labels, wanted in ((row_labels, len(images)), (column_labels, columns)):
+        if labels and len(labels) != wanted:
+            raise ImageError(
+                f"cannot label {wanted} rows or columns with {len(labels)} texts; give one text each"
+            )
+    width = float(figure.get_figwidth())
+    left = _EDGE + _label_width(row_labels, width)
+    top = _EDGE + (_TITLE if title else 0.0) + (_LABEL if column_labels else 0.0)
+    wide_x = _HEADER_GAP if header_column else 0.0
+    wide_y = _HEADER_GAP if header_row else 0.0
+    cell = (width - left - _EDGE - wide_x - (columns - 1) * _GAP) / columns
+    height = cell * first.shape[0] / first.shape[1]
+    axes = inch_axes(figure, top + len(images) * (height + _GAP) - _GAP + wide_y + _EDGE)
+    xs = [left + column * (cell + _GAP) + (wide_x if column else 0.0) for column in range(columns)]
+    ys = [top + row * (height + _GAP) + (wide_y if row else 0.0) for row in range(len(images))]
+    if title:
+        place_text(axes, title, _EDGE, _EDGE, width=width, size=10.0, va="top")
+    for x, label in zip(xs, column_labels, strict=False):
+        place_text(
+            axes,
+            label,
+            x + cell / 2,
+            top - 0.04,
+            width=cell,
+            size=_SIZE,
+            ha="center",
+            va="bottom",
+            color=MUTED,
+        )
+    for y, label in zip(ys, row_labels, strict=False):
+        place_text(
+            axes,
+            label,
+            left - 0.08,
+            y + height / 2,
+            width=left - _EDGE,
+            size=_SIZE,
+            ha="right",
+            va="center",
+            color=MUTED,
+        )
+    for y, row in zip(ys, images, strict=True):
+        for x, image in zip(xs, row, strict=True):
+            if image is not None:
+                place_image(axes, image, Cell(x, y, cell, height))
+    if corner and images[0][0] is None:
+        axes.text(
+            xs[0] + cell / 2, ys[0] + height / 2, corner, fontsize=_SIZE, ha="center", va="center", color=INK
+        )
+    return axes
+
+
+def draw_swap_grid(
+    figure: Figure,
+    swapped: Sequence[Sequence[Image]],
+    place_frames: Sequence[Image],
+    condition_frames: Sequence[Image],
+    *,
+    place_labels: Sequence[str] = (),
+    condition_labels: Sequence[str] = (),
+    title: str = "",
+) -> Axes:
+    """Draws what is decoded from the place of one frame and the condition of another (Figures 6 and 7).
+
+    Args:
+        figure: An empty figure; see `draw_image_grid`.
+        swapped: A×B images: in row a and column b the one decoded from {z_p of frame a, z_c of frame b}.
+        place_frames: The A original frames that give z_p: the header column.
+        condition_frames: The B original frames that give z_c: the header row.
+        place_labels: A texts, or none.
+        condition_labels: B texts, or none.
+        title: Written above.
+
+    Returns:
+        The axes: the header row's images first, then row by row the header and its swapped images.
+
+    Raises:
+        ImageError: The numbers of images do not fit together.
+    """
+    if len(swapped) != len(place_frames) or any(len(row) != len(condition_frames) for row in swapped):
+        raise ImageError(
+            "cannot draw the swap grid; give a row for each place frame and a column for each condition frame"
+        )
+    rows: list[list[Image | None]] = [[None, *condition_frames]]
+    rows.extend([frame, *row] for frame, row in zip(place_frames, swapped, strict=True))
+    return draw_image_grid(
+        figure,
+        rows,
+        row_labels=["", *place_labels] if place_labels else (),
+        column_labels=["", *condition_labels] if condition_labels else (),
+        header_row=True,
+        header_column=True,
+        corner="$z_p$ ↓   $z_c$ →",
+        title=title,
+    )
+
+
+@styled()
+def draw_constant_grid(
+    figure: Figure,
+    originals: Sequence[Image],
+    invariant: Sequence[Image],
+    *,
+    labels: Sequence[str] = (),
+    columns: int = 8,
+    title: str = "",
+) -> Axes:
+    """Draws frames above what is decoded from their z_p and one constant z_c (Figures 8 and 9).
+
+    The figure keeps its width and gets the height it needs.
+
+    Args:
+        figure: An empty figure.
+        originals: N frames.
+        invariant: N images decoded from {z_p of the frame, the constant z_c}.
+        labels: N texts, written above the frames, or none.
+        columns: Frames beside each other; more go on in further pairs of rows.
+        title: Written above.
+
+    Returns:
+        The axes, in inches: for each line of frames the originals first, then their images.
+
+    Raises:
+        ImageError: There is no image, or the numbers differ.
+    """
+    N = len(originals)
+    if N == 0 or len(invariant) != N or (labels and len(labels) != N):
+        raise ImageError(
+            "cannot draw the constant grid; give frames, and one image (and one label, if any) for each"
+        )
+    columns = max(1, min(columns, N))
+    width = float(figure.get_figwidth())
+    left = _EDGE + _label_width(_PAIR, width)
+    cell = (width - left - _EDGE - (columns - 1) * _GAP) / columns
+    height = cell * originals[0].shape[0] / originals[0].shape[1]
+    above = _LABEL if labels else 0.0
+    pair = above + 2 * height + _GAP
+    lines = [range(start, min(start + columns, N)) for start in range(0, N, columns)]
+    top = _EDGE + (_TITLE if title else 0.0)
+    axes = inch_axes(figure, top + len(lines) * (pair + 2 * _HEADER_GAP) - 2 * _HEADER_GAP + _EDGE)
+    if title:
+        place_text(axes, title, _EDGE, _EDGE, width=width, size=10.0, va="top")
+    for number, line in enumerate(lines):
+        y = top + number * (pair + 2 * _HEADER_GAP) + above
+        for row, images in enumerate((originals, invariant)):
+            down = y + row * (height + _GAP)
+            place_text(
+                axes,
+                _PAIR[row],
+                left - 0.08,
+                down + height / 2,
+                width=left,
+                size=_SIZE,
+                ha="right",
+                va="center",
+                color=MUTED,
+            )
+            for column, index in enumerate(line):
+                place_image(axes, images[index], Cell(left + column * (cell + _GAP), down, cell, height))
+        for column, index in enumerate(line if labels else ()):
+            x = left + column * (cell + _GAP) + cell / 2
+            place_text(
+                axes,
+                labels[index],
+                x,
+                y - 0.04,
+                width=cell,
+                size=_SIZE,
+                ha="center",
+                va="bottom",
+                color=MUTED,
+            )
+    return axes
+
+
+_PAIR = ("original", "constant z_c")
+
+
+def _label_width(labels: Sequence[str], width: float) -> float:
+    """The room that labels at the left need, in inches: at most a fifth of the figure."""
+    longest = max((len(label) for label in labels), default=0)
+    return min(longest * 0.6 * _SIZE / 72.0 + 0.1, width / 5) if longest else 0.0
