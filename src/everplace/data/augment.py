@@ -1,0 +1,106 @@
+"""Augmentation: the small accidents that make two pictures of one place differ within one traverse."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+__all__ = ["Augmentation", "augment", "augmentation_rng"]
+
+_Below1 = Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
+_UpTo1 = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+
+
+class Augmentation(BaseModel):
+    """How much an image may change; every amount is drawn evenly between none and the value given here.
+
+    Attributes:
+        shift: Largest move to either side, as a fraction of the image's height and width.
+        crop: Largest fraction of height and width cut away; what is left is enlarged to the whole.
+        brightness: Largest change of brightness up or down, as a fraction of the whole range.
+        contrast: Largest change of the distance from middle grey, as a fraction of that distance.
+        blur: Largest sigma of a Gaussian blur, in pixels.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    shift: _Below1 = 0.0
+    crop: _Below1 = 0.0
+    brightness: _UpTo1 = 0.0
+    contrast: _UpTo1 = 0.0
+    blur: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = 0.0
+
+
+def augmentation_rng(seed: int, epoch: int, index: int) -> np.random.Generator:
+    """Returns the random numbers of one frame in one epoch, whatever worker or order it is read in.
+
+    Args:
+        seed: The run's seed, 0 to 2**64 - 1.
+        epoch: 0 to 2**32 - 1.
+        index: The frame's position in the training set, 0 to 2**32 - 1.
+    """
+    # Philox is a counter-based generator: distinct keys give independent streams, so no seeding sequence is run.
+    return np.random.Generator(np.random.Philox(key=(seed << 64) | (epoch << 32) | index))
+
+
+def augment(
+    image: NDArray[np.uint8], augmentation: Augmentation, rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """Returns a changed copy of an image.
+
+    Shifts are whole pixels (a fraction would blur). What comes in from outside mirrors the border.
+
+    Args:
+        image: H×W×C uint8, C = 1 or 3; left as it is.
+        augmentation: How much may change.
+        rng: Random numbers; seven are always drawn, so switching one change on does not alter the others.
+
+    Returns:
+        H×W×C uint8.
+    """
+    down, right, cut, top, left, brighter, stronger, sigma = rng.random(8).tolist()
+    result = image
+    if augmentation.shift or augmentation.crop:
+        height, width = image.shape[:2]
+        kept = 1.0 - augmentation.crop * cut
+        # Maps each pixel of the result to one of the source (WARP_INVERSE_MAP); the half pixels keep centres centred.
+        x = (1.0 - kept) * left * width + 0.5 * kept - 0.5 - _whole_shift(augmentation.shift * width, right)
+        y = (1.0 - kept) * top * height + 0.5 * kept - 0.5 - _whole_shift(augmentation.shift * height, down)
+        warped = cv2.warpAffine(
+            result,
+            np.array([[kept, 0.0, x], [0.0, kept, y]]),
+            (width, height),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REFLECT_101,
+        )
+        result = np.asarray(warped, dtype=np.uint8)
+    if augmentation.brightness or augmentation.contrast:
+        result = _tone(
+            image=result,
+            brightness=augmentation.brightness * (2 * brighter - 1),
+            contrast=augmentation.contrast * (2 * stronger - 1),
+        )
+    if augmentation.blur:
+        result = np.asarray(
+            cv2.GaussianBlur(result, (0, 0), max(augmentation.blur * sigma, 1e-3)), dtype=np.uint8
+        )
+    return image.copy() if result is image else result.reshape(image.shape)
+
+
+def _whole_shift(largest: float, draw: float) -> int:
+    """Turns a number in [0, 1) into a whole number of pixels, each from -largest to largest equally likely."""
+    pixels = int(largest)
+    return int(draw * (2 * pixels + 1)) - pixels
+
+
+def _tone(image: NDArray[np.uint8], brightness: float, contrast: float) -> NDArray[np.uint8]:
+    """Stretches grey values about the middle, then adds a fraction of the range."""
+    table = (_GREY_VALUES - 127.5) * (1.0 + contrast) + (127.5 + 255.0 * brightness + 0.5)
+    return np.asarray(cv2.LUT(image, np.clip(table, 0, 255).astype(np.uint8)), dtype=np.uint8)
+
+
+_GREY_VALUES = np.arange(256, dtype=np.float64)

@@ -1,0 +1,112 @@
+"""`ROUTE/route.toml`: what a route's directories cannot say by themselves.
+
+All of it is optional:
+
+    tolerance = 1                   # frames: up to here two places count as the same
+    radius = 25.0                   # or metres, where there are poses
+    ignore = ["thumbnails"]         # sub-directories that are no traverses
+
+    [traverses.jan14]
+    condition = "winter"            # default: the traverse's name
+    pattern = "left_*.png"          # which files are frames; default: all with an image's ending
+    poses = "poses/jan14.csv"       # CSV of stem,x,y,heading, from ROUTE; default: poses.csv in the traverse, if there
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from everplace.errors import ConfigError
+from everplace.files import readable
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+__all__ = ["ROUTE_TOML", "RouteToml", "TraverseToml", "read_route_toml"]
+
+ROUTE_TOML = "route.toml"
+
+_Text = Annotated[str, Field(min_length=1)]
+
+
+class TraverseToml(BaseModel):
+    """What route.toml says about one traverse.
+
+    Attributes:
+        condition: The condition; None: the traverse's name.
+        pattern: A shell pattern that file names must match; None: every file with an image's ending.
+        poses: A CSV file, from the route's directory; None: `poses.csv` in the traverse, if it is there.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    condition: _Text | None = None
+    pattern: Annotated[str, Field(min_length=1, pattern=r"^[^/]+$")] | None = None
+    poses: _Text | None = None
+
+
+class RouteToml(BaseModel):
+    """What route.toml says.
+
+    Attributes:
+        tolerance: Frames by which a match may be off; None: not said.
+        radius: Metres by which a match may be off; None: not said. Not beside `tolerance`.
+        ignore: Names of sub-directories that are no traverses.
+        traverses: What is said about single traverses, by name.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    tolerance: Annotated[int, Field(ge=0)] | None = None
+    radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    ignore: tuple[_Text, ...] = Field(default=(), strict=False)
+    traverses: dict[str, TraverseToml] = {}
+
+    @model_validator(mode="after")
+    def _one_truth(self) -> RouteToml:
+        if self.tolerance is not None and self.radius is not None:
+            raise ValueError("tolerance and radius exclude each other, keep one")
+        return self
+
+
+def read_route_toml(route: Path) -> RouteToml:
+    """Reads a route's `route.toml`, or gives the defaults where there is none.
+
+    Raises:
+        ConfigError: The file cannot be read, is no TOML, or holds an unknown key or a value that cannot be; the
+            message names the file and the key.
+    """
+    path = route / ROUTE_TOML
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return RouteToml()
+    except OSError as error:
+        raise ConfigError(
+            f"cannot read {readable(path)}: {error.strerror or error}; check its permissions"
+        ) from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"{readable(path)} is not valid TOML ({error}); correct it") from error
+    try:
+        return RouteToml.model_validate(content)
+    except ValidationError as error:
+        raise ConfigError(_first_problem(path, error)) from error
+
+
+def _first_problem(path: Path, error: ValidationError) -> str:
+    """Says in one sentence which key is wrong."""
+    problem = error.errors(include_url=False)[0]
+    location = problem["loc"]
+    key = ".".join(str(part) for part in location)
+    if problem["type"] == "extra_forbidden":
+        model = TraverseToml if location[0] == "traverses" else RouteToml
+        known = ", ".join(sorted(model.model_fields))
+        return f"unknown key {key!r} in {readable(path)}; known here: {known}"
+    what = problem["msg"].removeprefix("Value error, ")
+    return f"wrong value of {key!r} in {readable(path)}: {what}" if key else f"{readable(path)}: {what}"

@@ -1,0 +1,50 @@
+"""Fixtures that several rooms use."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+PLACES = 12
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _private_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keeps packed images of tests out of the user's cache, in child processes as well."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("EVERPLACE_CACHE", str(tmp_path_factory.mktemp("everplace-cache")))
+        yield
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The directory of real data sets (nordland64, gardens_point), or a skip with the reason."""
+    chosen = os.environ.get("EVERPLACE_DATA")
+    path = Path(chosen) if chosen else Path(__file__).parents[2] / "shared" / "data"
+    if not (path / "nordland64").is_dir():
+        pytest.skip(f"real data is not at {path}: set EVERPLACE_DATA to the directory that holds nordland64")
+    return path
+
+
+@pytest.fixture
+def tiny_route(tmp_path: Path) -> Path:
+    """A route of two conditions, `summer` and `winter`, with 12 places of 32×64 colour PNGs named 0 to 11.
+
+    Each place is a smooth random landscape of its own; winter is paler, bluer and shifted by one pixel.
+    """
+    rng = np.random.default_rng(7)
+    root = tmp_path / "tiny"
+    for condition in ("summer", "winter"):
+        (root / condition).mkdir(parents=True)
+    for place in range(PLACES):
+        coarse = rng.integers(30, 226, (4, 8, 3), dtype=np.uint8)
+        summer = np.asarray(Image.fromarray(coarse).resize((64, 32), Image.Resampling.BICUBIC))
+        pale = np.roll(summer, 1, axis=1) * np.array([0.5, 0.55, 0.6]) + np.array([70.0, 75.0, 90.0])
+        Image.fromarray(summer).save(root / "summer" / f"{place}.png")
+        Image.fromarray(pale.astype(np.uint8)).save(root / "winter" / f"{place}.png")
+    return root
