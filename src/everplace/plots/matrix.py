@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from everplace.errors import DescriptorsError
@@ -73,9 +74,11 @@ def draw_similarity(
     )
     axes.set_xlim(-0.5, N - 0.5)
     axes.set_ylim(M - 0.5, -0.5)
-    axes.figure.colorbar(image, ax=axes, label="similarity", shrink=0.85)
+    # An inset is as high as the matrix, whatever room its square cells leave in the figure.
+    axes.figure.colorbar(image, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label="similarity")
     write_plainly(axes.set_xlabel(f"frame of {database}"), axes.set_ylabel(f"frame of {query}"))
-    axes.locator_params(integer=True)
+    for side in (axes.xaxis, axes.yaxis):
+        side.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     if title:
         write_plainly(axes.set_title(title, fontsize=10.0))
     marks: dict[str, Artist] = {}
@@ -85,7 +88,7 @@ def draw_similarity(
         marks |= _draw_best(axes, scores, truth)
     if marks:
         set_legend(
-            axes, list(marks.values()), list(marks), loc="upper center", bbox_to_anchor=(0.5, -0.14),
+            axes, list(marks.values()), list(marks), loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0,
             ncols=len(marks), frameon=True, **_OUTSIDE,
         )  # fmt: skip
     return image
@@ -133,7 +136,7 @@ def _draw_best(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_] | None
     M = len(scores)
     queries = np.arange(M)
     proposed = scores.argmax(axis=1)
-    size = float(np.clip(240.0 / M, 1.6, 7.0))
+    size = float(np.clip(240.0 / M, 2.4, 7.0))
     edge = float(np.clip(size / 5.0, 0.5, 1.3))
     if truth is None:
         kinds = {"best match": (np.ones(M, dtype=bool), ".", WRONG, WRONG)}

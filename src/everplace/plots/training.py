@@ -86,6 +86,8 @@ def draw_training(
     drawn = every[: len(panels)]
     for axes, (title, names) in zip(drawn, panels.items(), strict=True):
         _draw_panel(axes, metrics, title, list(names), chosen)
+    if chosen is not None and drawn:
+        drawn[0].set_title(f"chosen: epoch {chosen:g}", fontsize=8.0, color=CHOSEN, loc="right")
     for axes in drawn[max(0, len(drawn) - columns) :]:
         axes.set_xlabel("epoch" if "epoch" in metrics else "row")
     return drawn
@@ -116,13 +118,11 @@ def _draw_panel(
             axes.plot(epochs[here], values[here], "o", color=looks[name].colour, markersize=5.0)
     polish(axes)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
-    write_plainly(axes.set_title(title, fontsize=9.0))
-    labels = list(names)
+    write_plainly(axes.set_title(title, fontsize=9.0, loc="left"))
     if chosen is not None:
-        handles.append(axes.axvline(chosen, color=CHOSEN, linestyle="--", linewidth=1.0, zorder=1.0))
-        labels.append(f"chosen: epoch {chosen:g}")
-    if len(handles) > 1:
-        set_legend(axes, handles, labels, loc="best", frameon=True, framealpha=0.8, fontsize=7.0)
+        axes.axvline(chosen, color=CHOSEN, linestyle="--", linewidth=1.0, zorder=1.0)
+    if names != [title]:
+        set_legend(axes, handles, names, loc="best", frameon=True, framealpha=0.8, fontsize=7.0)
 
 
 def _quantity(name: str) -> str:

@@ -1,0 +1,161 @@
+"""The parts of a report as HTML: pure functions from values to text, every text escaped."""
+
+from __future__ import annotations
+
+import base64
+import html
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypeGuard
+
+from everplace.errors import ConfigError
+from everplace.plots.canvas import png_bytes, svg_bytes
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "Best",
+    "Value",
+    "chart_block",
+    "escaped",
+    "facts_block",
+    "figure_block",
+    "formatted",
+    "table_block",
+]
+
+Value: TypeAlias = str | int | float | None
+"""What a table's cell or a fact holds; None and NaN are shown as a dash."""
+
+Best: TypeAlias = Literal["highest", "lowest"]
+
+_MOST_SVG = 150_000
+"""A larger drawing of lines is embedded as pixels: a file of many panels has to open quickly on a phone."""
+
+
+def escaped(text: str) -> str:
+    """Makes a text safe in HTML and in an attribute; bytes of a file name that are no UTF-8 stay readable."""
+    return html.escape(text.encode("utf-8", "backslashreplace").decode("utf-8"), quote=True)
+
+
+def formatted(value: Value, digits: int = 3) -> str:
+    """Writes a value as plain text.
+
+    Args:
+        value: Integers get thousands separators, floats `digits` decimals, None and NaN a dash.
+        digits: Decimals of a float.
+    """
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "–"  # noqa: RUF001
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:,}" if isinstance(value, int) else f"{value:,.{digits}f}"
+
+
+def facts_block(facts: Mapping[str, Value], digits: int = 3) -> str:
+    """Headline numbers: each name above its value."""
+    items = (
+        f"<div><dt>{escaped(name)}</dt><dd>{escaped(formatted(value, digits))}</dd></div>"
+        for name, value in facts.items()
+    )
+    return f'<dl class="facts">{"".join(items)}</dl>'
+
+
+def table_block(
+    header: Sequence[str],
+    rows: Sequence[Sequence[Value]],
+    *,
+    caption: str,
+    best: Mapping[str, Best],
+    digits: int,
+) -> str:
+    """A table whose first column names the rows; see `report.html.Section.table`."""
+    unknown = [name for name in best if name not in header]
+    if unknown or any(len(row) != len(header) for row in rows):
+        raise ConfigError(
+            f"cannot make the table {caption!r}; give {len(header)} values a row, and name only columns in `best`"
+        )
+    columns = list(zip(*rows, strict=True)) if rows else [() for _ in header]
+    numeric = [_is_numeric(column) for column in columns]
+    winners = [
+        _winners(column, best[name], digits) if name in best else frozenset[str]()
+        for name, column in zip(header, columns, strict=True)
+    ]
+    heads = "".join(
+        f'<th scope="col"{_class("number" if number else "")}>{escaped(name)}</th>'
+        for name, number in zip(header, numeric, strict=True)
+    )
+    lines = []
+    for row in rows:
+        cells = []
+        for place, (value, number, winning) in enumerate(zip(row, numeric, winners, strict=True)):
+            text = formatted(value, digits)
+            won = _is_number(value) and text in winning
+            shown = f"<strong>{escaped(text)}</strong>" if won else escaped(text)
+            look = _class(" ".join(name for name, on in (("number", number), ("best", won)) if on))
+            cells.append(f'<th scope="row"{look}>{shown}</th>' if place == 0 else f"<td{look}>{shown}</td>")
+        lines.append(f"<tr>{''.join(cells)}</tr>")
+    title = f"<caption>{escaped(caption)}</caption>" if caption else ""
+    # A region that scrolls must be reachable with the keyboard, and then it needs a name.
+    return (
+        f'<div class="scroll table" role="region" tabindex="0" aria-label="{escaped(caption or "table")}">'
+        f"<table>{title}<thead><tr>{heads}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>"
+    )
+
+
+def figure_block(figure: Figure, *, alt: str, caption: str, dpi: float) -> str:
+    """A matplotlib figure: as SVG when it holds only lines and is small, else as PNG."""
+    width, height = (round(96 * inches) for inches in figure.get_size_inches())
+    kind, data = "image/png", b""
+    if not any(axes.images for axes in figure.axes):
+        kind, data = "image/svg+xml", svg_bytes(figure)
+    if not data or len(data) > _MOST_SVG:
+        kind, data = "image/png", png_bytes(figure, dpi)
+    source = f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
+    return (
+        f'<figure><div class="scroll"><img src="{source}" alt="{escaped(alt)}" width="{width}"'
+        f' height="{height}" style="--width:{width}px"></div>{_caption(caption)}</figure>'
+    )
+
+
+def chart_block(figure: go.Figure, *, alt: str, caption: str) -> str:
+    """A plotly figure: its data beside the place where `charts.js` draws it."""
+    # In a script element only "<" could end the data or open a comment; in JSON it may be written so.
+    data = str(figure.to_json()).replace("<", "\\u003c")
+    height = int(figure.layout.height or 450)
+    return (
+        f'<figure><div class="chart"><script type="application/json">{data}</script>'
+        f'<div class="plot" role="img" aria-label="{escaped(alt)}" style="min-height:{height}px"></div></div>'
+        "<noscript><p>This chart needs JavaScript; it asks nothing from the network.</p></noscript>"
+        f"{_caption(caption)}</figure>"
+    )
+
+
+def _caption(text: str) -> str:
+    return f"<figcaption>{escaped(text)}</figcaption>" if text else ""
+
+
+def _class(names: str) -> str:
+    return f' class="{names}"' if names else ""
+
+
+def _is_number(value: Value) -> TypeGuard[int | float]:
+    """Whether a cell holds a number that can be compared (a truth value is none)."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and not math.isnan(value)
+
+
+def _is_numeric(column: Sequence[Value]) -> bool:
+    """Whether a column holds numbers, or dashes among them, and no text."""
+    return any(_is_number(value) for value in column) and not any(isinstance(value, str) for value in column)
+
+
+def _winners(column: Sequence[Value], best: Best, digits: int) -> frozenset[str]:
+    """The best value as it is shown: what cannot be told apart on the page wins together."""
+    shown = {float(value): formatted(value, digits) for value in column if _is_number(value)}
+    if not shown:
+        return frozenset()
+    return frozenset({shown[max(shown) if best == "highest" else min(shown)]})
