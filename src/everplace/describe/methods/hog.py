@@ -1,0 +1,57 @@
+"""HOG: one histogram of oriented gradients over the whole image.
+
+Dalal and Triggs, "Histograms of Oriented Gradients for Human Detection", CVPR 2005, as OpenCV computes it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.data.images import ImageSpec
+from everplace.describe.protocol import Describer, Metric, require_images, require_no_argument
+
+__all__ = ["HOG", "open_method"]
+
+_IMAGE = ImageSpec(size=(64, 128), grey=True)
+_WINDOW = (128, 64)  # width, height, as all sizes here: OpenCV's order
+_BLOCK = (16, 16)
+_STRIDE = (8, 8)
+_CELL = (8, 8)
+_BINS = 9
+
+
+def _descriptor() -> cv2.HOGDescriptor:
+    return cv2.HOGDescriptor(_WINDOW, _BLOCK, _STRIDE, _CELL, _BINS)
+
+
+@dataclass(frozen=True, slots=True)
+class HOG:
+    """Describes a 128×64 (width × height) grey image: 15×7 blocks of 2×2 cells of 9 unsigned orientations."""
+
+    method: str = "hog"
+    image: ImageSpec = _IMAGE
+    dimension: int = 3780
+    metric: Metric = "cosine"
+    _hog: cv2.HOGDescriptor = field(default_factory=_descriptor, repr=False)
+
+    def settings(self) -> dict[str, str | int | float | bool]:
+        """Returns the sides of the cells and blocks in pixels and the number of orientation bins."""
+        return {"cell": _CELL[0], "block": _BLOCK[0], "bins": _BINS}
+
+    def describe(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Describes B×64×128×1 images by B×3780 values in [0, 1]; a block of 36 has length about 1, or 0 if flat."""
+        require_images(images, self.image, self.method)
+        values = np.empty((len(images), self.dimension), np.float32)
+        for row, image in zip(values, images, strict=True):
+            row[:] = np.asarray(self._hog.compute(image), np.float32).reshape(-1)
+        return values
+
+
+def open_method(argument: str) -> Describer:
+    """Opens HOG, which has no options."""
+    require_no_argument("hog", argument)
+    return HOG()

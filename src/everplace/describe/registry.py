@@ -1,0 +1,53 @@
+"""Opens a method by what a user writes: a run directory, a name, or a name with an argument after a colon."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from pathlib import Path
+
+from everplace.describe import methods
+from everplace.describe.protocol import Describer
+from everplace.errors import MethodError
+from everplace.files import readable
+
+__all__ = ["method_names", "open_describer"]
+
+_RUN_METHOD = (
+    "vae"  # opens run directories; has no name of its own, since a trained model is given by its directory
+)
+
+
+def method_names() -> list[str]:
+    """Returns the names of all methods that can be opened by name, sorted."""
+    found = (module.name for module in pkgutil.iter_modules(methods.__path__))
+    return sorted(name for name in found if not name.startswith("_") and name != _RUN_METHOD)
+
+
+def open_describer(method: str) -> Describer:
+    """Opens a method for describing images.
+
+    Args:
+        method: A run directory (it holds config.toml), "name", or "name:argument"; what the argument means is the
+            method's affair.
+
+    Raises:
+        MethodError: There is no such method, or it cannot run here.
+        CheckpointError: The run directory is damaged.
+    """
+    directory = Path(method)
+    if method and (directory / "config.toml").is_file():
+        return _open(_RUN_METHOD, method)
+    name, _, argument = method.partition(":")
+    if name in method_names():
+        return _open(name, argument)
+    choice = f"choose one of {', '.join(method_names())}, or a run directory made by `everplace train`"
+    if method and directory.is_dir():
+        raise MethodError(f"{readable(method)} is no run directory, it holds no config.toml; {choice}")
+    raise MethodError(f"there is no method or run directory {readable(method)!r}; {choice}")
+
+
+def _open(name: str, argument: str) -> Describer:
+    module = importlib.import_module(f"{methods.__name__}.{name}")
+    describer: Describer = module.open_method(argument)
+    return describer

@@ -1,0 +1,1 @@
+"""Compares descriptors: similarity, standardisation, sequences, the best matches of each query and their files."""

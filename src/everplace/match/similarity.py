@@ -1,0 +1,157 @@
+"""Similarity of descriptors, whole, in blocks, or only the best K; higher always means more alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.data.images import usable_cores
+from everplace.describe.descriptors import Descriptors
+from everplace.errors import ConfigError, DescriptorsError
+
+__all__ = ["similarity", "similarity_blocks", "top_k"]
+
+_BLOCK = 1024
+_DATABASE_BLOCK = 8192
+_TILE = (128, 32)  # query and database descriptors that are compared at once by absolute differences
+_INDEX = (1 << 32) - 1
+
+
+def similarity(query: Descriptors, database: Descriptors) -> NDArray[np.float32]:
+    """Compares every query with every database frame.
+
+    Cosine, Eq. 6 of the paper: q·d / (|q| |d|), in [-1, 1]; a zero vector is like nothing, 0.
+    Mean absolute difference: -Σ|q - d| / D, at most 0.
+
+    Args:
+        query: M descriptors, the rows.
+        database: N descriptors of the same method and settings, the columns.
+
+    Returns:
+        M×N scores, never NaN.
+
+    Raises:
+        DescriptorsError: The two do not come from the same method, settings and dimension.
+    """
+    S = np.empty((len(query), len(database)), np.float32)
+    for rows, block in similarity_blocks(query, database):
+        S[rows] = block
+    return S
+
+
+def similarity_blocks(
+    query: Descriptors, database: Descriptors, block: int = _BLOCK
+) -> Iterator[tuple[slice, NDArray[np.float32]]]:
+    """Yields (rows, similarity of these queries to the whole database), `block` queries at once."""
+    compare = _comparison(query, database)
+    columns = slice(0, len(database))
+    for start in range(0, len(query), block):
+        rows = slice(start, min(start + block, len(query)))
+        yield rows, compare(rows, columns)
+
+
+def top_k(query: Descriptors, database: Descriptors, k: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Finds the K most similar database frames of every query, exactly, without the M×N matrix.
+
+    Args:
+        query: M descriptors.
+        database: N descriptors of the same method and settings.
+        k: K, at least 1; more than N gives N.
+
+    Returns:
+        Indices M×K into the database and their scores M×K, best first; of equal scores the lower index first.
+
+    Raises:
+        ConfigError: K is below 1.
+        DescriptorsError: As for `similarity`.
+    """
+    if k < 1:
+        raise ConfigError(f"--top {k} is not possible; give at least 1")
+    compare = _comparison(query, database)
+    k = min(k, len(database))
+    indices = np.empty((len(query), k), np.int64)
+    scores = np.empty((len(query), k), np.float32)
+    for first in range(0, len(query), _BLOCK):
+        rows = slice(first, min(first + _BLOCK, len(query)))
+        best = np.empty((rows.stop - rows.start, 0), np.int64)
+        for start in range(0, len(database), _DATABASE_BLOCK):
+            columns = slice(start, min(start + _DATABASE_BLOCK, len(database)))
+            best = _largest(np.hstack([best, _ranking_keys(compare(rows, columns), start)]), k)
+        best = -np.sort(-best, axis=1)
+        indices[rows] = _INDEX - (best & _INDEX)
+        scores[rows] = _ordered_bits((best >> 32).astype(np.int32)).view(np.float32)
+    return indices, scores
+
+
+def _ranking_keys(S: NDArray[np.float32], start: int) -> NDArray[np.int64]:
+    """Packs score and column into one integer that sorts as (score, lower index first)."""
+    bits = _ordered_bits((S + np.float32(0)).view(np.int32))  # + 0 makes -0 and 0 equal
+    columns = np.arange(start, start + S.shape[1], dtype=np.int64)
+    keys: NDArray[np.int64] = (bits.astype(np.int64) << 32) | (_INDEX - columns)
+    return keys
+
+
+def _ordered_bits(bits: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Maps the bits of float32 to integers of the same order, and back: negative floats count downwards."""
+    return bits ^ ((bits >> 31) & np.int32(0x7FFFFFFF))
+
+
+def _largest(keys: NDArray[np.int64], k: int) -> NDArray[np.int64]:
+    surplus = keys.shape[1] - k
+    return keys if surplus <= 0 else np.partition(keys, surplus, axis=1)[:, surplus:]
+
+
+def _comparison(query: Descriptors, database: Descriptors) -> Callable[[slice, slice], NDArray[np.float32]]:
+    """Returns the function that compares some queries with some database frames."""
+    _require_comparable(query, database)
+    if query.metric == "cosine":
+        directions = _directions(query.values), _directions(database.values)
+        return lambda rows, columns: np.clip(directions[0][rows] @ directions[1][columns].T, -1, 1)
+    return lambda rows, columns: -_mean_absolute_difference(query.values[rows], database.values[columns])
+
+
+def _require_comparable(query: Descriptors, database: Descriptors) -> None:
+    for what in ("method", "metric", "dimension"):
+        ours, theirs = getattr(query, what), getattr(database, what)
+        if ours != theirs:
+            raise DescriptorsError(
+                f"the {what} of the query is {ours} and of the database {theirs}; describe both alike"
+            )
+    for name in sorted({*query.settings, *database.settings}):
+        ours, theirs = query.settings.get(name, "not set"), database.settings.get(name, "not set")
+        if ours != theirs:
+            raise DescriptorsError(
+                f"the setting {name} of the query is {ours} and of the database {theirs}; describe both alike"
+            )
+
+
+def _directions(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Divides every row by its length; a zero row stays zero."""
+    # Lengths in double precision: the square of a large or tiny float32 is no float32.
+    squares = np.einsum("ij,ij->i", values, values, dtype=np.float64)
+    inverse = np.divide(1.0, np.sqrt(squares), out=np.zeros_like(squares), where=squares > 0)
+    return np.multiply(values, inverse[:, None], out=np.empty_like(values), casting="same_kind")
+
+
+def _mean_absolute_difference(
+    query: NDArray[np.float32], database: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Compares in tiles that stay in a core's cache; SciPy lets go of the interpreter, so threads share the rows."""
+    from scipy.spatial.distance import cdist
+
+    result = np.empty((len(query), len(database)), np.float32)
+
+    def fill(row: int) -> None:
+        rows = slice(row, row + _TILE[0])
+        some = query[rows].astype(np.float64)
+        for column in range(0, len(database), _TILE[1]):
+            columns = slice(column, column + _TILE[1])
+            result[rows, columns] = cdist(some, database[columns], "cityblock") / query.shape[1]
+
+    with ThreadPoolExecutor(usable_cores(), "everplace-compare") as pool:
+        for _ in pool.map(fill, range(0, len(query), _TILE[0])):
+            pass
+    return result

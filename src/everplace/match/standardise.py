@@ -1,0 +1,59 @@
+"""Standardising the descriptors of a traverse, so that what all its frames share no longer speaks.
+
+Schubert, Neubert and Protzel, "Unsupervised Learning Methods for Visual Place Recognition in Discretely and
+Continuously Changing Environments", ICRA 2020.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from everplace.describe.descriptors import Descriptors
+from everplace.errors import ConfigError
+
+__all__ = ["Standardisation", "standardise"]
+
+Standardisation: TypeAlias = Literal["centre", "full"]
+
+_ROWS = 1024  # descriptors handled at once in double precision
+
+
+def standardise(descriptors: Descriptors, how: Standardisation) -> Descriptors:
+    """Subtracts the traverse's mean descriptor; "full" also divides each dimension by its standard deviation.
+
+    The statistics are those of the given descriptors alone: query and database are each standardised by their
+    own traverse, seen as a whole. A single frame becomes zero, and so does a dimension that does not vary. A
+    variance, where known, is scaled along.
+
+    Args:
+        descriptors: N×D descriptors of one traverse.
+        how: "centre" or "full".
+
+    Returns:
+        New descriptors whose settings say how they were standardised.
+
+    Raises:
+        ConfigError: `how` is something else.
+    """
+    if how not in ("centre", "full"):
+        raise ConfigError(f"--standardise {how} is not known; choose centre or full")
+    # In double precision the mean of N equal float32 is exact, so a dimension that does not vary is seen as such.
+    mean = descriptors.values.mean(axis=0, dtype=np.float64)
+    blocks = [slice(start, start + _ROWS) for start in range(0, len(descriptors), _ROWS)]
+    scale = np.ones_like(mean)
+    if how == "full":
+        squares = sum(np.square(descriptors.values[rows] - mean).sum(axis=0) for rows in blocks)
+        deviation = np.sqrt(squares / len(descriptors))
+        np.divide(1.0, deviation, out=scale, where=deviation > 0)
+    values = np.empty_like(descriptors.values)
+    for rows in blocks:
+        values[rows] = (descriptors.values[rows] - mean) * scale
+    variance = descriptors.variance
+    if variance is not None:
+        variance = (variance * np.square(scale)).astype(np.float32)
+    return replace(
+        descriptors, values=values, variance=variance, settings={**descriptors.settings, "standardise": how}
+    )
