@@ -43,7 +43,7 @@ def augmentation_rng(seed: int, epoch: int, index: int) -> np.random.Generator:
         epoch: 0 to 2**32 - 1.
         index: The frame's position in the training set, 0 to 2**32 - 1.
     """
-    # Philox is a counter-based generator: distinct keys give independent streams, so no seeding sequence is run.
+    # Philox is a counter-based generator: distinct keys give independent streams.
     return np.random.Generator(np.random.Philox(key=(seed << 64) | (epoch << 32) | index))
 
 
@@ -57,7 +57,7 @@ def augment(
     Args:
         image: H×W×C uint8, C = 1 or 3; left as it is.
         augmentation: How much may change.
-        rng: Random numbers; seven are always drawn, so switching one change on does not alter the others.
+        rng: Random numbers; eight are always drawn, so switching one change on does not alter the others.
 
     Returns:
         H×W×C uint8.
@@ -67,7 +67,8 @@ def augment(
     if augmentation.shift or augmentation.crop:
         height, width = image.shape[:2]
         kept = 1.0 - augmentation.crop * cut
-        # Maps each pixel of the result to one of the source (WARP_INVERSE_MAP); the half pixels keep centres centred.
+        # Maps each pixel of the result to one of the source (WARP_INVERSE_MAP); the half pixels keep centres
+        # centred.
         x = (1.0 - kept) * left * width + 0.5 * kept - 0.5 - _whole_shift(augmentation.shift * width, right)
         y = (1.0 - kept) * top * height + 0.5 * kept - 0.5 - _whole_shift(augmentation.shift * height, down)
         warped = cv2.warpAffine(
@@ -92,7 +93,7 @@ def augment(
 
 
 def _whole_shift(largest: float, draw: float) -> int:
-    """Turns a number in [0, 1) into a whole number of pixels, each from -largest to largest equally likely."""
+    """Turns a number in [0, 1) into whole pixels, all from -largest to largest equally likely."""
     pixels = int(largest)
     return int(draw * (2 * pixels + 1)) - pixels
 

@@ -1,11 +1,13 @@
 """Decoding image files: strict, limited, silent, and always to the same kind of array.
 
-Pillow decodes and OpenCV resizes. OpenCV's own decoders return the grey lower half of a truncated file as if it were
-the picture, and print libjpeg's and libpng's warnings on stderr; Pillow refuses what is broken and prints nothing.
+Pillow decodes and OpenCV resizes. OpenCV's own decoders return the grey lower half of a truncated file as if
+it were the picture, and print libjpeg's and libpng's warnings on stderr; Pillow refuses what is broken and
+prints nothing.
 
 What every decoded image has in common: the content decides the format, not the ending of the name; the EXIF
-orientation is applied; 16-bit grey is divided by 256 (never stretched, which would hide how bright a frame is);
-transparent pixels are laid over black; colour profiles are ignored; of an animation the first picture is taken.
+orientation is applied; 16-bit grey is divided by 256 (never stretched, which would hide how bright a frame
+is); transparent pixels are laid over black; colour profiles are ignored; of an animation the first picture is
+taken.
 """
 
 from __future__ import annotations
@@ -55,8 +57,9 @@ MAX_PIXELS = 2**26
 MAX_FILE_BYTES = 2**29
 """Largest image file that is read: 512 MiB."""
 
-# The readers are called by the first bytes, not through Image.open: that one warns about large pictures on stderr before
-# our own limit is asked, and tries every format it knows, some of which start other programs (EPS: Ghostscript).
+# The readers are called by the first bytes, not through Image.open: that one warns about large pictures on
+# stderr before our own limit is asked, and tries every format it knows, some of which start other programs
+# (EPS: Ghostscript).
 _READERS: tuple[tuple[bytes, type[ImageFile.ImageFile]], ...] = (
     (b"\xff\xd8", JpegImageFile),
     (b"\x89PNG\r\n\x1a\n", PngImageFile),
@@ -105,8 +108,9 @@ class ImageSpec:
 def decode_image(path: Path, spec: ImageSpec) -> NDArray[np.uint8]:
     """Decodes one image file.
 
-    Grey conversion (ITU-R BT.601 luma) comes before resizing; shrinking averages areas, enlarging is bilinear. A
-    JPEG whose target is at most half its size is decoded at 1/2, 1/4 or 1/8, never below the target.
+    Grey conversion (ITU-R BT.601 luma) comes before resizing; shrinking averages areas, enlarging is
+    bilinear. A JPEG whose target is at most half its size is decoded at 1/2, 1/4 or 1/8, never below the
+    target.
 
     Args:
         path: The file; its name may hold bytes that are not UTF-8.
@@ -123,8 +127,8 @@ def decode_image(path: Path, spec: ImageSpec) -> NDArray[np.uint8]:
         raise ImageError(f"{readable(path)} is empty (0 bytes); copy or export the frame again")
     try:
         pixels = _decode(path, data, spec)
-    # What Pillow's readers raise on broken bytes: OSError and EOFError where they end too early, SyntaxError for broken
-    # PNG chunks, the others for header fields without sense.
+    # What Pillow's readers raise on broken bytes: OSError and EOFError where they end too early, SyntaxError
+    # for broken PNG chunks, the others for header fields without sense.
     except (
         OSError,
         EOFError,
@@ -151,7 +155,8 @@ def decode_images(
     Args:
         paths: The files.
         spec: The wanted size and channels.
-        threads: Decoding threads; None: one for each usable core, at most 8. Two images a thread are held ahead.
+        threads: Decoding threads; None: one for each usable core, at most 8. Two images a thread are held
+            ahead.
 
     Yields:
         What `decode_image` returns, in the order of `paths`.
@@ -177,8 +182,8 @@ def read_image_bytes(path: Path) -> bytes:
     """Reads a whole file that is to be an image.
 
     Raises:
-        ImageError: It is missing, unreadable, larger than `MAX_FILE_BYTES`, or a pipe, device or directory (which
-            would block or never end).
+        ImageError: It is missing, unreadable, larger than `MAX_FILE_BYTES`, or a pipe, device or directory
+            (which would block or never end).
     """
     try:
         status = os.stat(path)  # noqa: PTH116 - half the time of Path.stat, and this runs for every frame
@@ -235,8 +240,8 @@ def _decode(path: Path, data: bytes, spec: ImageSpec) -> NDArray[np.uint8]:
     with reader(io.BytesIO(data)) as image:
         if image.width * image.height > MAX_PIXELS:
             raise ImageError(
-                f"{readable(path)} has {image.width}×{image.height} pixels, more than the limit of {MAX_PIXELS}; "
-                "export the frame smaller"
+                f"{readable(path)} has {image.width}×{image.height} pixels, more than the limit of "
+                f"{MAX_PIXELS}; export the frame smaller"
             )
         if isinstance(image, JpegImageFile):
             _reduce_jpeg(image, spec)
@@ -262,7 +267,8 @@ def _to_8_bit(path: Path, image: Image.Image) -> Image.Image:
         return Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
     if image.mode in {"I", "F"}:
         raise ImageError(
-            f"{readable(path)} has 32-bit pixels, whose range nobody knows; export the frame with 8 or 16 bits"
+            f"{readable(path)} has 32-bit pixels, whose range nobody knows; export the frame with 8 or 16 "
+            "bits"
         )
     if image.mode == "L" and "transparency" not in image.info:
         return image

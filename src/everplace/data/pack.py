@@ -1,8 +1,8 @@
 """Traverses decoded once: pixels in a memory-mapped file, kept in a cache outside the route.
 
-A pack is a directory `<cache>/<key>/` with `pixels.npy` (uint8 N×H×W×C) and `pack.json` (what is in it, for people).
-The key is the hash of the settings, the stems and the content of every image file, so a pack never goes stale; it
-appears whole by rename, so several processes may make the same one at once.
+A pack is a directory `<cache>/<key>/` with `pixels.npy` (uint8 N×H×W×C) and `pack.json` (what is in it, for
+people). The key is the hash of the settings, the stems and the content of every image file, so a pack never
+goes stale; it appears whole by rename, so several processes may make the same one at once.
 """
 
 from __future__ import annotations

@@ -29,8 +29,8 @@ def read_poses(path: Path, stems: Sequence[str]) -> NDArray[np.float64]:
         N×3 float64, read-only, in the order of `stems`.
 
     Raises:
-        RouteError: The file is missing or malformed, holds a number that is not finite or a stem twice, or lacks a
-            frame.
+        RouteError: The file is missing or malformed, holds a number that is not finite or a stem twice, or
+            lacks a frame.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -44,8 +44,8 @@ def read_poses(path: Path, stems: Sequence[str]) -> NDArray[np.float64]:
     missing = [stem for stem in stems if stem not in found]
     if missing:
         raise RouteError(
-            f"{readable(path)} has no pose for {len(missing)} of {len(stems)} frames, the first is {missing[0]!r}; "
-            "add a line for each frame, or move the frames without a pose out of the route"
+            f"{readable(path)} has no pose for {len(missing)} of {len(stems)} frames, the first is "
+            f"{missing[0]!r}; add a line for each frame, or move the frames without a pose out of the route"
         )
     poses = np.array([found[stem] for stem in stems], dtype=np.float64).reshape(-1, 3)
     poses.flags.writeable = False
@@ -60,7 +60,8 @@ def _read_rows(
     absent = [name for name in _COLUMNS if name not in header]
     if absent:
         raise RouteError(
-            f"{readable(path)} lacks the column {absent[0]!r} in its first line; it must name stem, x, y, heading"
+            f"{readable(path)} lacks the column {absent[0]!r} in its first line; it must name stem, x, y, "
+            "heading"
         )
     columns = [header.index(name) for name in _COLUMNS]
     found: dict[str, tuple[float, float, float]] = {}

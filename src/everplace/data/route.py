@@ -119,7 +119,8 @@ def open_route(path: str | os.PathLike[str]) -> Route:
         path: `ROUTE`, with one sub-directory for each traverse: `ROUTE/<traverse>/<frame>.<png|jpg|...>`.
 
     Returns:
-        The route, its traverses in natural order of their names, their frames in natural order of their stems.
+        The route, its traverses in natural order of their names, their frames in natural order of their
+        stems.
 
     Raises:
         RouteError: The directory is not a route (see `sources.folder.read_traverses`).

@@ -9,7 +9,7 @@ All of it is optional:
     [traverses.jan14]
     condition = "winter"            # default: the traverse's name
     pattern = "left_*.png"          # which files are frames; default: all with an image's ending
-    poses = "poses/jan14.csv"       # CSV of stem,x,y,heading, from ROUTE; default: poses.csv in the traverse, if there
+    poses = "poses/jan14.csv"       # columns stem,x,y,heading; default: poses.csv in the traverse
 """
 
 from __future__ import annotations
@@ -79,13 +79,13 @@ def read_route_toml(route: Path) -> RouteToml:
     """Reads a route's `route.toml`, or gives the defaults where there is none.
 
     Raises:
-        ConfigError: The file cannot be read, is no TOML, or holds an unknown key or a value that cannot be; the
-            message names the file and the key.
+        ConfigError: The file cannot be read, is no TOML, or holds an unknown key or a value that cannot be;
+            the message names the file and the key.
     """
     path = route / ROUTE_TOML
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return RouteToml()
     except OSError as error:
         raise ConfigError(

@@ -1,7 +1,7 @@
 """Which places of a route take part: shared stems, then the filters, then a slice.
 
-The filters are the ones that published figures on Nordland rest on: dark places (tunnels) and places that look like
-the last one kept (stops) are left out, in all traverses at once.
+The filters are the ones that published figures on Nordland rest on: dark places (tunnels) and places that
+look like the last one kept (stops) are left out, in all traverses at once.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ def parse_frames(text: str) -> slice:
 def select(route: Route, selection: Selection, progress: Progress = quiet) -> Route:
     """Restricts a route to the places that take part.
 
-    Traverses that share stems are restricted to the shared ones first, and filters and slice act on places. If no
-    stem is shared, filters and slice act on each traverse alone.
+    Traverses that share stems are restricted to the shared ones first, and filters and slice act on places.
+    If no stem is shared, filters and slice act on each traverse alone.
 
     Args:
         route: The chosen traverses.
@@ -119,8 +119,8 @@ def stationary_places(
     Args:
         pixels: For each traverse N×H×W or N×H×W×1, the same N places in order.
         candidates: N bool, the places that an earlier filter left; the others are passed over. None: all.
-        above: Pearson correlation of grey values from which, exclusive, a place looks like another. A flat picture
-            has no correlation and looks like nothing.
+        above: Pearson correlation of grey values from which, exclusive, a place looks like another. A flat
+            picture has no correlation and looks like nothing.
 
     Returns:
         N bool, True = stationary (never where `candidates` is False).
@@ -140,13 +140,11 @@ def stationary_places(
 
 
 def _standardise(frames: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Gives each frame mean 0 and length 1, so that a dot product is a Pearson correlation; flat frames become 0."""
+    """Gives each frame mean 0 and length 1: dot products are Pearson correlations. Flat frames become 0."""
     values = frames.reshape(len(frames), -1).astype(np.float64)
     values -= values.mean(axis=1, keepdims=True)
     length = np.linalg.norm(values, axis=1, keepdims=True)
-    standardised: NDArray[np.float64] = np.divide(
-        values, length, out=np.zeros_like(values), where=length > 0
-    )
+    standardised: NDArray[np.float64] = np.divide(values, length, out=np.zeros_like(values), where=length > 0)
     return standardised
 
 

@@ -15,8 +15,8 @@ __all__ = ["truth_by_pose", "truth_by_position"]
 def truth_by_position(query: Traverse, database: Traverse, tolerance: int) -> NDArray[np.bool_]:
     """Tells the same places by stem, give or take some places.
 
-    The distance of two frames counts places along the natural order of all stems that either traverse has, not the
-    digits in the stems: where a filter removed places, the ones around the gap are neighbours.
+    The distance of two frames counts places along the natural order of all stems that either traverse has,
+    not the digits in the stems: where a filter removed places, the ones around the gap are neighbours.
 
     Args:
         query: M frames.
@@ -34,8 +34,8 @@ def truth_by_position(query: Traverse, database: Traverse, tolerance: int) -> ND
         raise ConfigError(f"tolerance {tolerance} is negative; give 0 or a number of frames")
     if frozenset(query.stems).isdisjoint(database.stems):
         raise RouteError(
-            f"the traverses {query.name!r} and {database.name!r} share no stem, so nobody knows which frames show the "
-            "same place; name frames of the same place alike, or add poses and give a radius"
+            f"the traverses {query.name!r} and {database.name!r} share no stem, so nobody knows which frames "
+            "show the same place; name frames of the same place alike, or add poses and give a radius"
         )
     place = {stem: rank for rank, stem in enumerate(natural_sorted({*query.stems, *database.stems}))}
     columns = np.array([place[stem] for stem in database.stems])
@@ -79,7 +79,7 @@ def _positions(traverse: Traverse) -> NDArray[np.float64]:
     """Returns N×2 metres."""
     if traverse.poses is None:
         raise RouteError(
-            f"the traverse {traverse.name!r} has no poses; put a poses.csv with the columns stem,x,y,heading into its "
-            "directory or name one in route.toml, or give a tolerance in frames"
+            f"the traverse {traverse.name!r} has no poses; put a poses.csv with the columns stem,x,y,heading "
+            "into its directory or name one in route.toml, or give a tolerance in frames"
         )
     return traverse.poses[:, :2]
