@@ -88,7 +88,7 @@ def _layout() -> go.Layout:
         height=460,
         hovermode="closest",
         showlegend=True,
-        legend={"orientation": "h", "yanchor": "top", "y": -0.16, "x": 0.0},
-        xaxis={"title": {"text": "recall"}, "range": [0, 1.01], **axis},
+        legend={"orientation": "h", "yref": "container", "yanchor": "bottom", "y": 0.0, "x": 0.0},
+        xaxis={"title": {"text": "recall", "standoff": 8}, "automargin": True, "range": [0, 1.01], **axis},
         yaxis={"title": {"text": "precision"}, "range": [0, 1.03], **axis},
     )

@@ -65,10 +65,12 @@ def draw_similarity(
             "make both from the same frames"
         )
     M, N = scores.shape
+    shown, (down, across) = _averaged(scores)
     image = axes.imshow(
-        _averaged(scores),
+        shown,
         cmap=SEQUENTIAL,
-        extent=(-0.5, N - 0.5, M - 0.5, -0.5),
+        # The last block may be smaller; the limits below cut off what its picture has too much.
+        extent=(-0.5, shown.shape[1] * across - 0.5, shown.shape[0] * down - 0.5, -0.5),
         # A very long matrix drawn with square cells would be a thread.
         aspect="equal" if 0.25 <= M / N <= 4.0 else "auto",
     )
@@ -88,8 +90,8 @@ def draw_similarity(
         marks |= _draw_best(axes, scores, truth)
     if marks:
         set_legend(
-            axes, list(marks.values()), list(marks), loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0,
-            ncols=len(marks), frameon=True, **_OUTSIDE,
+            axes, list(marks.values()), list(marks), ncols=len(marks), frameon=True, **_OUTSIDE,
+            loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0,
         )  # fmt: skip
     return image
 
@@ -112,16 +114,16 @@ def outline(truth: NDArray[np.bool_]) -> NDArray[np.float64]:
     ])  # fmt: skip
 
 
-def _averaged(scores: NDArray[Any]) -> NDArray[Any]:
-    """Averages blocks of a matrix until no side has more than `_MOST_CELLS` cells."""
-    for axis in (0, 1):
-        step = -(-scores.shape[axis] // _MOST_CELLS)
+def _averaged(scores: NDArray[Any]) -> tuple[NDArray[Any], tuple[int, int]]:
+    """Averages blocks of a matrix until no side has more than `_MOST_CELLS`; also gives the blocks' sides."""
+    steps = (-(-scores.shape[0] // _MOST_CELLS), -(-scores.shape[1] // _MOST_CELLS))
+    for axis, step in enumerate(steps):
         if step > 1:
             starts = np.arange(0, scores.shape[axis], step)
             sizes = np.diff(np.append(starts, scores.shape[axis]))
             sums = np.add.reduceat(scores, starts, axis=axis)
             scores = sums / np.expand_dims(sizes, 1 - axis).astype(sums.dtype)
-    return scores
+    return scores, steps
 
 
 def _draw_truth(axes: Axes, truth: NDArray[np.bool_]) -> Artist:

@@ -1,1 +1,1 @@
-"""The report: one HTML file with its text, tables, pictures and interactive curves, which needs no network."""
+"""The report: one HTML file with text, tables, pictures and interactive curves that needs no network."""

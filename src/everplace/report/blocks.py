@@ -35,6 +35,10 @@ _MOST_SVG = 150_000
 """A larger drawing of lines is embedded as pixels: a file of many panels has to open quickly on a phone."""
 
 
+_LONG = 28
+"""A text with more characters than this may break into lines."""
+
+
 def escaped(text: str) -> str:
     """Makes a text safe in HTML and in an attribute; bytes of a file name that are no UTF-8 stay readable."""
     return html.escape(text.encode("utf-8", "backslashreplace").decode("utf-8"), quote=True)
@@ -77,27 +81,29 @@ def table_block(
     unknown = [name for name in best if name not in header]
     if unknown or any(len(row) != len(header) for row in rows):
         raise ConfigError(
-            f"cannot make the table {caption!r}; give {len(header)} values a row, and name only columns in `best`"
+            f"cannot make the table {caption!r}; give rows of {len(header)} values and name columns as best"
         )
     columns = list(zip(*rows, strict=True)) if rows else [() for _ in header]
-    numeric = [_is_numeric(column) for column in columns]
+    looks = [_look(column) for column in columns]
     winners = [
         _winners(column, best[name], digits) if name in best else frozenset[str]()
         for name, column in zip(header, columns, strict=True)
     ]
     heads = "".join(
-        f'<th scope="col"{_class("number" if number else "")}>{escaped(name)}</th>'
-        for name, number in zip(header, numeric, strict=True)
+        f'<th scope="col"{_class(look)}>{escaped(name)}</th>'
+        for name, look in zip(header, looks, strict=True)
     )
     lines = []
     for row in rows:
         cells = []
-        for place, (value, number, winning) in enumerate(zip(row, numeric, winners, strict=True)):
+        for place, (value, look, winning) in enumerate(zip(row, looks, winners, strict=True)):
             text = formatted(value, digits)
             won = _is_number(value) and text in winning
             shown = f"<strong>{escaped(text)}</strong>" if won else escaped(text)
-            look = _class(" ".join(name for name, on in (("number", number), ("best", won)) if on))
-            cells.append(f'<th scope="row"{look}>{shown}</th>' if place == 0 else f"<td{look}>{shown}</td>")
+            attributes = _class(f"{look} best".strip() if won else look)
+            cells.append(
+                f'<th scope="row"{attributes}>{shown}</th>' if place == 0 else f"<td{attributes}>{shown}</td>"
+            )
         lines.append(f"<tr>{''.join(cells)}</tr>")
     title = f"<caption>{escaped(caption)}</caption>" if caption else ""
     # A region that scrolls must be reachable with the keyboard, and then it needs a name.
@@ -148,9 +154,12 @@ def _is_number(value: Value) -> TypeGuard[int | float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and not math.isnan(value)
 
 
-def _is_numeric(column: Sequence[Value]) -> bool:
-    """Whether a column holds numbers, or dashes among them, and no text."""
-    return any(_is_number(value) for value in column) and not any(isinstance(value, str) for value in column)
+def _look(column: Sequence[Value]) -> str:
+    """The class of a column's cells: numbers (and dashes) stand to the right, sentences get room."""
+    texts = [value for value in column if isinstance(value, str)]
+    if not texts:
+        return "number" if column else ""
+    return "long" if max(map(len, texts)) > _LONG else ""
 
 
 def _winners(column: Sequence[Value], best: Best, digits: int) -> frozenset[str]:

@@ -6,6 +6,6 @@ for (const chart of document.querySelectorAll(".chart")) {
   Plotly.newPlot(chart.querySelector(".plot"), data, { ...layout, dragmode: touch ? false : "zoom" }, {
     responsive: true,
     displaylogo: false,
-    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+    modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]],
   });
 }

@@ -79,7 +79,7 @@ class Section:
             figure: What to show; one inch of it is 96 pixels of the page.
             alt: Says what it shows to who cannot see it.
             caption: Written below.
-            dpi: Pixels an inch; 192 are two for each of the page's. Small drawings of lines become SVG instead.
+            dpi: Pixels an inch, two for each of the page's; small drawings of lines become SVG instead.
         """
         self._blocks.append(blocks.figure_block(figure, alt=alt, caption=caption, dpi=dpi))
         return self

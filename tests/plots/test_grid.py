@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from everplace.errors import ImageError
+from everplace.plots.canvas import new_figure, png_bytes
+from everplace.plots.grid import draw_constant_grid, draw_image_grid, draw_swap_grid
+
+
+def _grey(value: int, shape: tuple[int, ...] = (4, 8, 1)) -> NDArray[Any]:
+    return np.full(shape, value, np.uint8)
+
+
+def _values(axes: Axes) -> list[int]:
+    return [int(np.asarray(image.get_array())[0, 0, 0]) for image in axes.images]
+
+
+def _by_place(axes: Axes) -> list[list[int]]:
+    """The grey values as a reader sees them: by rows from the top, each from the left."""
+    rows: dict[float, list[tuple[float, int]]] = {}
+    for image, value in zip(axes.images, _values(axes), strict=True):
+        left, _, _, top = image.get_extent()
+        rows.setdefault(round(top, 4), []).append((left, value))
+    return [[value for _, value in sorted(rows[top])] for top in sorted(rows)]
+
+
+def test_grid_places_images_and_labels() -> None:
+    figure = new_figure(5)
+    axes = draw_image_grid(
+        figure,
+        [[_grey(1), _grey(2), None], [_grey(4), _grey(5), _grey(6)]],
+        row_labels=["up", "down"],
+        column_labels=["a", "b", "c"],
+        title="Grid",
+    )
+    assert _by_place(axes) == [[1, 2], [4, 5, 6]]
+    assert {"up", "down", "a", "b", "c", "Grid"} == {text.get_text() for text in axes.texts}
+    # The label stands beside its own row.
+    places = {text.get_text(): text.get_position() for text in axes.texts}
+    _, _, bottom, top = axes.images[2].get_extent()
+    assert top < places["down"][1] < bottom
+    assert png_bytes(figure, 50)
+
+
+def test_swap_grid_has_originals_as_header_row_and_column() -> None:
+    figure = new_figure(6)
+    swapped = [[_grey(10 * a + b) for b in (1, 2, 3)] for a in (1, 2)]
+    axes = draw_swap_grid(
+        figure,
+        swapped,
+        [_grey(101), _grey(102)],
+        [_grey(201), _grey(202), _grey(203)],
+        place_labels=["summer 1", "winter 1"],
+        condition_labels=["x", "y", "z"],
+    )
+    assert _by_place(axes) == [[201, 202, 203], [101, 11, 12, 13], [102, 21, 22, 23]]
+    words = [text.get_text() for text in axes.texts]
+    assert any("z_p" in word and "z_c" in word for word in words)
+    assert {"summer 1", "winter 1", "x", "y", "z"} <= set(words)
+    # The headers are set apart by a wider gap than the one inside.
+    row = sorted(
+        (image.get_extent() for image in axes.images if image.get_extent()[3] > 0.9),
+        key=lambda e: (e[3], e[0]),
+    )
+    assert row[1][0] - row[0][1] > row[2][0] - row[1][1] > 0
+    assert png_bytes(figure, 50)
+
+
+def test_swap_grid_of_one_float_image() -> None:
+    figure = new_figure(3)
+    axes = draw_swap_grid(figure, [[np.full((6, 4, 3), 0.5)]], [_grey(1, (6, 4, 3))], [_grey(2, (6, 4))])
+    assert _by_place(axes) == [[2], [1, 128]]
+    assert png_bytes(figure, 50)
+
+
+def test_swap_grid_whose_numbers_do_not_fit_is_refused() -> None:
+    with pytest.raises(ImageError, match="row for each place frame"):
+        draw_swap_grid(new_figure(), [[_grey(1)]], [_grey(1)], [_grey(1), _grey(2)])
+    with pytest.raises(ImageError, match="row for each place frame"):
+        draw_swap_grid(new_figure(), [[_grey(1)]], [_grey(1), _grey(2)], [_grey(1)])
+
+
+def test_constant_grid_puts_each_image_below_its_original_and_wraps() -> None:
+    figure = new_figure(6)
+    axes = draw_constant_grid(
+        figure,
+        [_grey(n) for n in range(5)],
+        [_grey(100 + n) for n in range(5)],
+        labels=list("abcde"),
+        columns=3,
+    )
+    assert _by_place(axes) == [[0, 1, 2], [100, 101, 102], [3, 4], [103, 104]]
+    extents = dict(zip(_values(axes), (image.get_extent() for image in axes.images), strict=True))
+    for number in range(5):
+        assert extents[number][:2] == extents[100 + number][:2]
+        assert extents[number][2] < extents[100 + number][3]
+    words = [text.get_text() for text in axes.texts]
+    assert words.count("original") == words.count("constant z_c") == 2
+    assert set("abcde") <= set(words)
+    _, height = figure.get_size_inches()
+    assert max(extent[2] for extent in extents.values()) < height
+    assert png_bytes(figure, 50)
+
+
+def test_constant_grid_of_one() -> None:
+    axes = draw_constant_grid(new_figure(3), [_grey(1)], [_grey(2)])
+    assert _by_place(axes) == [[1], [2]]
+
+
+def test_what_cannot_be_a_grid_is_refused() -> None:
+    unusable: list[list[list[NDArray[Any] | None]]] = [[], [[]], [[None]], [[_grey(1)], [_grey(1), _grey(2)]]]
+    for images in unusable:
+        with pytest.raises(ImageError, match="at least one image"):
+            draw_image_grid(new_figure(), images)
+    with pytest.raises(ImageError, match="one text each"):
+        draw_image_grid(new_figure(), [[_grey(1)]], row_labels=["a", "b"])
+    with pytest.raises(ImageError, match="one image"):
+        draw_constant_grid(new_figure(), [_grey(1)], [])
