@@ -1,0 +1,81 @@
+"""The sky of a drive: gradient, sun or moon, stars, and clouds that drift while the vehicle moves."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.data.render.camera import Camera
+from everplace.data.render.look import Look
+from everplace.data.render.noise import TILE, ramp, sample
+
+__all__ = ["paint_sky"]
+
+
+def paint_sky(
+    camera: Camera, look: Look, grain: NDArray[np.float32], rows: int, drift: float
+) -> NDArray[np.float32]:
+    """Paints the sky of the upper image rows.
+
+    Args:
+        camera: Where it looks.
+        look: The appearance.
+        grain: Noise tile for the clouds.
+        rows: Number of image rows from the top.
+        drift: How far the clouds have moved since the drive began, in texels of the cloud pattern.
+
+    Returns:
+        rows × W × 3, RGB in 0 to 255.
+    """
+    # Clouds and gradients are smooth: half the resolution is enough.
+    u, v = camera.column_slopes()[::2], camera.row_slopes()[:rows:2]
+    up = np.repeat(np.maximum(v, 0.0)[:, None], len(u), axis=1).astype(np.float32)
+    (fx, fy), (rx, ry) = camera.forward, camera.right
+    norm = np.sqrt(1 + u[None, :] ** 2 + v[:, None] ** 2)
+    height = ramp(up / norm, -0.05, 0.75)[..., None]
+    zenith, horizon = np.array(look.zenith, np.float32), np.array(look.horizon, np.float32)
+    sky = horizon + (zenith - horizon) * np.sqrt(height)
+
+    dx, dy = fx + u * rx, fy + u * ry
+    body = np.array([np.cos(look.sun_azimuth), np.sin(look.sun_azimuth), np.tan(look.sun_elevation)])
+    body /= np.linalg.norm(body)
+    cosine = (dx[None, :] * body[0] + dy[None, :] * body[1] + v[:, None] * body[2]) / norm
+    if look.sun:
+        glow = look.sun * (0.5 * np.clip(cosine, 0, 1) ** 10 + 0.6 * np.clip(cosine, 0, 1) ** 120)
+        sky += glow[..., None] * np.array((110, 95, 60), np.float32)
+    if look.dark:
+        sky += (ramp(cosine.astype(np.float32), 0.9990, 0.9994) * 190 + 14 * np.clip(cosine, 0, 1) ** 60)[
+            ..., None
+        ]
+
+    reach = np.float32(26) / (up + np.float32(0.09))
+    offset = [np.float32(o * TILE + drift) for o in look.cloud_offset]
+    a = (np.float32(dx)[None, :] * reach + offset[0]).astype(np.float32)
+    b = (np.float32(dy)[None, :] * reach + offset[1]).astype(np.float32)
+    thick = sample(grain, a, b, 1.0) + 0.35 * sample(grain, b, a, 0.37)
+    edge = 0.55 - 1.1 * look.clouds
+    cover = ramp(thick, edge, edge + 0.4) * ramp(up, 0.0, 0.05)
+    depth = ramp(thick, edge + 0.15, edge + 0.85)[..., None]
+    bright, dark = np.array(look.cloud_bright, np.float32), np.array(look.cloud_dark, np.float32)
+    sky += (bright + (dark - bright) * depth - sky) * cover[..., None]
+    full = np.asarray(
+        cv2.resize(sky.astype(np.float32), (camera.width, rows), interpolation=cv2.INTER_LINEAR)
+    )
+    if look.dark:
+        _stars(full, camera, look)
+    return full
+
+
+def _stars(sky: NDArray[np.float32], camera: Camera, look: Look) -> None:
+    """Adds the fixed stars, in place."""
+    rng = np.random.default_rng(7)
+    azimuth, up = rng.uniform(-np.pi, np.pi, 900), rng.uniform(0.02, 1.2, 900)
+    brightness = rng.gamma(1.0, 26.0, 900) * (1 - 0.6 * look.clouds)
+    angle = camera.heading - azimuth
+    ahead = np.cos(angle) > 0.2
+    u, v = np.tan(angle[ahead]), up[ahead] / np.cos(angle[ahead])
+    column = (camera.width / 2 + camera.focal * u).astype(int)
+    row = (camera.centre_row - camera.focal * v).astype(int)
+    inside = (column >= 0) & (column < sky.shape[1]) & (row >= 0) & (row < sky.shape[0])
+    sky[row[inside], column[inside]] += brightness[ahead][inside, None]
