@@ -16,6 +16,7 @@ import io
 import os
 import stat
 import struct
+import zlib
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -212,14 +213,14 @@ def resize_image(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.
     Returns:
         size[0]×size[1]×C uint8, C-contiguous; `image` itself when it has that size already.
     """
-    height, width, channels = image.shape
+    height, width = image.shape[:2]
     smaller = (min(height, size[0]), min(width, size[1]))
     # Two steps: cv2's INTER_AREA falls back to plain interpolation on both axes as soon as one of them grows.
     if smaller != (height, width):
         image = _uint8(cv2.resize(image, (smaller[1], smaller[0]), interpolation=cv2.INTER_AREA))
     if smaller != size:
         image = _uint8(cv2.resize(image, (size[1], size[0]), interpolation=cv2.INTER_LINEAR))
-    return image.reshape(size[0], size[1], channels)
+    return image if image.ndim == 3 else image[:, :, np.newaxis]
 
 
 def usable_cores() -> int:
@@ -237,6 +238,8 @@ def _decode(path: Path, data: bytes, spec: ImageSpec) -> NDArray[np.uint8]:
             f"{readable(path)} is not an image of a known format; convert it to PNG or JPEG, "
             "or move it out of the route"
         )
+    if reader is PngImageFile:
+        _check_png(data)
     with reader(io.BytesIO(data)) as image:
         if image.width * image.height > MAX_PIXELS:
             raise ImageError(
@@ -250,6 +253,19 @@ def _decode(path: Path, data: bytes, spec: ImageSpec) -> NDArray[np.uint8]:
         plain = _to_8_bit(path, image).convert("L" if spec.grey else "RGB")
         pixels = np.array(plain).reshape(plain.height, plain.width, spec.channels)
     return np.ascontiguousarray(_turn(pixels, orientation))
+
+
+def _check_png(data: bytes) -> None:
+    """Raises `ValueError` unless the chunks that make the picture are whole; Pillow skips their checksums."""
+    position, kind = 8, b""
+    while kind != b"IEND":
+        length, kind = struct.unpack_from(">I4s", data, position)
+        end = position + 8 + length
+        (checksum,) = struct.unpack_from(">I", data, end)
+        # A capital letter marks the chunks that matter; sloppy writers leave wrong checksums in others.
+        if kind[:1].isupper() and zlib.crc32(memoryview(data)[position + 4 : end]) != checksum:
+            raise ValueError(f"wrong checksum in chunk {kind!r}")
+        position = end + 4
 
 
 def _reduce_jpeg(image: JpegImageFile, spec: ImageSpec) -> None:
