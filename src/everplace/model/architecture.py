@@ -1,0 +1,240 @@
+"""The network of Oh and Eoh (2021), Table 1 and Figures 2, 4 and 5."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from everplace.model.config import ModelConfig
+from everplace.model.posterior import LatentSplit, Posterior
+
+__all__ = ["ConditionVAE", "Decoder", "Encoder", "Output", "PlaceHead", "feature_map", "hidden_widths"]
+
+CONVOLUTIONS = (32, 64, 64, 128, 128)
+FULLY_CONNECTED = (4096, 2048, 1024, 512)
+SMALLEST_SIDE = 4
+
+
+def feature_map(height: int, width: int) -> tuple[int, int, int]:
+    """How far the convolutions shrink an image.
+
+    As many of the five convolutions have stride 2 as leave at least 4 cells on the short side (decided; at 224x224
+    all five, which is Table 1).
+
+    Returns:
+        Number of stride-2 convolutions, and height and width of the last feature map.
+    """
+    halvings = len(CONVOLUTIONS)
+    while halvings > 1 and min(height, width) >> halvings < SMALLEST_SIDE:
+        halvings -= 1
+    return halvings, height >> halvings, width >> halvings
+
+
+def hidden_widths(flattened: int) -> tuple[int, ...]:
+    """The fully connected chain: Table 1's widths, from the first one below the flattened size (decided)."""
+    return tuple(width for width in FULLY_CONNECTED if width < flattened)
+
+
+def _convolution(inputs: int, outputs: int, stride: int) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(inputs, outputs, 3, stride, padding=1, bias=False),
+        nn.BatchNorm2d(outputs),
+        nn.LeakyReLU(0.1),
+    )
+
+
+def _transposed(inputs: int, outputs: int, stride: int) -> nn.Sequential:
+    kernel = 4 if stride == 2 else 3
+    return nn.Sequential(
+        nn.ConvTranspose2d(inputs, outputs, kernel, stride, padding=1, bias=False),
+        nn.BatchNorm2d(outputs),
+        nn.LeakyReLU(0.1),
+    )
+
+
+def _linear(inputs: int, outputs: int) -> nn.Sequential:
+    return nn.Sequential(nn.Linear(inputs, outputs, bias=False), nn.BatchNorm1d(outputs), nn.LeakyReLU(0.1))
+
+
+class Encoder(nn.Module):
+    """q(z|x): Table 1, five convolutions, a fully connected chain, mean and log-variance.
+
+    | step at 224x224x3      | output shape        |
+    |------------------------|---------------------|
+    | images                 | (B, 3, 224, 224)    |
+    | conv1                  | (B, 32, 112, 112)   |
+    | conv2                  | (B, 64, 56, 56)     |
+    | conv3                  | (B, 64, 28, 28)     |
+    | conv4                  | (B, 128, 14, 14)    |
+    | conv5                  | (B, 128, 7, 7)      |
+    | flatten                | (B, 6272)           |
+    | fc6, fc7, fc8, fc9     | (B, 4096), (B, 2048), (B, 1024), (B, 512) |
+    | z_mean, z_log_variance | (B, 128), (B, 128)  |
+    """
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        halvings, height, width = feature_map(config.height, config.width)
+        channels = (config.channels, *CONVOLUTIONS)
+        self.convolutions = nn.ModuleList(
+            _convolution(channels[i], channels[i + 1], 2 if i < halvings else 1) for i in range(len(CONVOLUTIONS))
+        )
+        flattened = CONVOLUTIONS[-1] * height * width
+        widths = (flattened, *hidden_widths(flattened))
+        self.fully_connected = nn.ModuleList(_linear(a, b) for a, b in pairwise(widths))
+        self.z_mean = nn.Linear(widths[-1], config.latent_dimensions)
+        self.z_log_variance = nn.Linear(widths[-1], config.latent_dimensions)
+
+    def forward(self, images: Tensor) -> Posterior:
+        """Encodes images.
+
+        Args:
+            images: (B, C, H, W) in [0, 1].
+
+        Returns:
+            The posterior, in float32 also under autocast, as the bound needs it.
+        """
+        x = images - 0.5
+        for convolution in self.convolutions:
+            x = convolution(x)
+        x = x.flatten(1)
+        for layer in self.fully_connected:
+            x = layer(x)
+        # A bounded log-variance keeps exp() finite in the first steps; +-10 is far outside what training reaches.
+        log_variance = self.z_log_variance(x).float().clamp(-10.0, 10.0)
+        return Posterior(self.z_mean(x).float(), log_variance)
+
+
+class Decoder(nn.Module):
+    """The mean of p(x|z): the encoder's mirror, (B, 128) to (B, C, H, W), unbounded but trained towards [0, 1]."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        halvings, self.height, self.width = feature_map(config.height, config.width)
+        flattened = CONVOLUTIONS[-1] * self.height * self.width
+        widths = (config.latent_dimensions, *reversed(hidden_widths(flattened)), flattened)
+        self.fully_connected = nn.ModuleList(_linear(a, b) for a, b in pairwise(widths))
+        channels = tuple(reversed(CONVOLUTIONS))
+        strides = [2 if i < halvings else 1 for i in reversed(range(len(CONVOLUTIONS)))]
+        self.convolutions = nn.ModuleList(
+            _transposed(a, b, stride) for a, b, stride in zip(channels, channels[1:], strides, strict=False)
+        )
+        last = strides[-1]
+        self.output = nn.ConvTranspose2d(channels[-1], config.channels, 4 if last == 2 else 3, last, padding=1)
+
+    def forward(self, z: Tensor) -> Tensor:
+        """Decodes latents.
+
+        Args:
+            z: (B, D).
+
+        Returns:
+            (B, C, H, W), float32.
+        """
+        x = z
+        for layer in self.fully_connected:
+            x = layer(x)
+        x = x.view(len(x), CONVOLUTIONS[-1], self.height, self.width)
+        for convolution in self.convolutions:
+            x = convolution(x)
+        mean: Tensor = self.output(x).float() + 0.5
+        return mean
+
+
+class PlaceHead(nn.Module):
+    """p(p|z_p): a categorical over the training places by scaled cosine.
+
+    The logits are a learned scale times the cosine between z_p and a learned vector of each place, so that what
+    the head is trained to tell apart is what Eq. 6 compares (decided; the paper is silent).
+    """
+
+    def __init__(self, dimensions: int, places: int) -> None:
+        super().__init__()
+        self.places = nn.Parameter(torch.randn(places, dimensions) / dimensions**0.5)
+        self.log_scale = nn.Parameter(torch.tensor(2.5))
+
+    def forward(self, z_p: Tensor) -> Tensor:
+        """(B, D) to logits (B, K)."""
+        cosine = functional.linear(functional.normalize(z_p, dim=1), functional.normalize(self.places, dim=1))
+        return cosine * self.log_scale.exp()
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """What one pass gives.
+
+    Attributes:
+        posterior: q(z|x).
+        z: The sample, (B, D).
+        reconstruction: Mean of p(x|z), (B, C, H, W), float32.
+        condition_logits: (B, conditions), None for the VAE.
+        place_logits: (B, places), None unless CP-VAE.
+    """
+
+    posterior: Posterior
+    z: Tensor
+    reconstruction: Tensor
+    condition_logits: Tensor | None
+    place_logits: Tensor | None
+
+
+class ConditionVAE(nn.Module):
+    """VAE, C-VAE and CP-VAE: one encoder and decoder, with the label heads that the kind has.
+
+    | symbol          | here                     | shape              |
+    |-----------------|--------------------------|--------------------|
+    | x               | images                   | (B, C, H, W), [0, 1] |
+    | q(z_p, z_c|x)   | encoder                  | mean, log-variance (B, 128) |
+    | z = [z_p, z_c]  | split                    | (B, 96), (B, 32)   |
+    | p(x|z_p, z_c)   | decoder, log_sigma       | (B, C, H, W)       |
+    | p(c|z_c)        | condition_head           | (B, conditions)    |
+    | p(p|z_p)        | place_head               | (B, places)        |
+    """
+
+    log_sigma: Tensor
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.split = LatentSplit(config.place_dimensions, config.condition_dimensions)
+        self.encoder = Encoder(config)
+        self.decoder = Decoder(config)
+        self.condition_head = (
+            None if config.kind == "vae" else nn.Linear(config.condition_dimensions, len(config.conditions))
+        )
+        self.place_head = PlaceHead(config.place_dimensions, config.places) if config.kind == "cp-vae" else None
+        # The sigma that training reached; fixed wherever a bound is evaluated.
+        self.register_buffer("log_sigma", torch.zeros(()))
+
+    def forward(self, images: Tensor, noise: Tensor) -> Output:
+        """Encodes, samples and decodes.
+
+        Args:
+            images: (B, C, H, W) in [0, 1].
+            noise: (B, D) standard normal.
+        """
+        posterior = self.encoder(images)
+        z = posterior.sample(noise)
+        reconstruction = self.decoder(z)
+        condition_head, place_head = self.condition_head, self.place_head
+        # The heads cost next to nothing, and their logits lose digits that matter in bfloat16.
+        with torch.autocast(images.device.type, enabled=False):
+            condition_logits = None if condition_head is None else condition_head(self.split.z_c(z))
+            place_logits = None if place_head is None else place_head(self.split.z_p(z))
+        return Output(posterior, z, reconstruction, condition_logits, place_logits)
+
+    def descriptor(self, images: Tensor) -> Tensor:
+        """The place descriptor: the posterior mean of z_p (of all of z for the plain VAE).
+
+        Args:
+            images: (B, C, H, W) in [0, 1].
+
+        Returns:
+            (B, 96) float32; (B, 128) for the VAE.
+        """
+        mean = self.encoder(images).mean
+        return mean if self.config.kind == "vae" else self.split.z_p(mean)

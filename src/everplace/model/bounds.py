@@ -1,0 +1,163 @@
+"""The variational lower bounds of Oh and Eoh (2021), one function an equation.
+
+All terms are in nats for each frame of a batch, (B,): log-likelihoods are summed over pixels, the KL divergence over
+latent dimensions. With all weights 1 (`Weights()`) each function is a lower bound of the log-likelihood of its
+generative model; with other weights it is the weighted objective that is trained and is no bound any more.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+__all__ = [
+    "LOG_SIGMA_FLOOR",
+    "Weights",
+    "c_vae_bound",
+    "cp_vae_bound",
+    "gaussian_log_likelihood",
+    "label_log_likelihood",
+    "optimal_log_sigma",
+    "soft_place_targets",
+    "vae_bound",
+]
+
+LOG_SIGMA_FLOOR = -6.0
+"""Where log sigma is softly clipped below (Rybkin et al. 2021): a perfect reconstruction has no infinite likelihood."""
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """Weights of the terms of a bound.
+
+    Attributes:
+        image: Weight of log p(x|z).
+        condition: Weight of log p(c|z_c).
+        place: Weight of log p(p|z_p).
+        beta_place: Weight of the KL divergence of z_p.
+        beta_condition: Weight of the KL divergence of z_c.
+    """
+
+    image: float = 1.0
+    condition: float = 1.0
+    place: float = 1.0
+    beta_place: float = 1.0
+    beta_condition: float = 1.0
+
+
+def vae_bound(image: Tensor, kl_place: Tensor, kl_condition: Tensor, weights: Weights) -> Tensor:
+    """Eq. 1: E_q[log p(x|z)] - KL(q(z|x) || p(z)).
+
+    Args:
+        image: log p(x|z), (B,).
+        kl_place: KL of the block z_p, (B,).
+        kl_condition: KL of the block z_c, (B,). For the plain VAE the two blocks together are its z.
+        weights: Weights of the terms.
+
+    Returns:
+        (B,) in nats.
+    """
+    divergence = weights.beta_place * kl_place + weights.beta_condition * kl_condition
+    return weights.image * image - divergence
+
+
+def c_vae_bound(image: Tensor, condition: Tensor, kl_place: Tensor, kl_condition: Tensor, weights: Weights) -> Tensor:
+    """Eq. 3: E_q[log p(x|z_p,z_c) + log p(c|z_c)] - KL(q(z_p,z_c|x) || p(z_p) p(z_c)).
+
+    Args:
+        image: log p(x|z), (B,).
+        condition: log p(c|z_c), (B,).
+        kl_place: KL of the block z_p, (B,).
+        kl_condition: KL of the block z_c, (B,).
+        weights: Weights of the terms.
+
+    Returns:
+        (B,) in nats.
+    """
+    return vae_bound(image, kl_place, kl_condition, weights) + weights.condition * condition
+
+
+def cp_vae_bound(
+    image: Tensor, place: Tensor, condition: Tensor, kl_place: Tensor, kl_condition: Tensor, weights: Weights
+) -> Tensor:
+    """Eq. 5: E_q[log p(x|z_p,z_c) + log p(p|z_p) + log p(c|z_c)] - KL(q(z_p,z_c|x) || p(z_p) p(z_c)).
+
+    Args:
+        image: log p(x|z), (B,).
+        place: log p(p|z_p), (B,).
+        condition: log p(c|z_c), (B,).
+        kl_place: KL of the block z_p, (B,).
+        kl_condition: KL of the block z_c, (B,).
+        weights: Weights of the terms.
+
+    Returns:
+        (B,) in nats.
+    """
+    return c_vae_bound(image, condition, kl_place, kl_condition, weights) + weights.place * place
+
+
+def optimal_log_sigma(images: Tensor, reconstruction: Tensor) -> Tensor:
+    """The log sigma that maximises the batch's likelihood, in closed form (sigma-VAE, Rybkin et al. 2021, Eq. 6).
+
+    Softly clipped below at `LOG_SIGMA_FLOOR`. It couples the frames of a batch: use it to train; evaluate a bound
+    with the fixed sigma of the checkpoint.
+
+    Args:
+        images: (B, C, H, W).
+        reconstruction: (B, C, H, W), the decoder's mean.
+
+    Returns:
+        Scalar.
+    """
+    mean_square = (images - reconstruction).square().mean()
+    log_sigma = 0.5 * torch.log(mean_square + 1e-12)
+    return LOG_SIGMA_FLOOR + functional.softplus(log_sigma - LOG_SIGMA_FLOOR)
+
+
+def gaussian_log_likelihood(images: Tensor, reconstruction: Tensor, log_sigma: Tensor) -> Tensor:
+    """Log N(x; reconstruction, sigma^2 I), summed over the pixels of each frame.
+
+    Args:
+        images: (B, C, H, W).
+        reconstruction: (B, C, H, W), the decoder's mean.
+        log_sigma: Scalar, one variance shared by all pixels.
+
+    Returns:
+        (B,) in nats.
+    """
+    square = (images - reconstruction).square().flatten(1).sum(1)
+    pixels = images[0].numel()
+    return -0.5 * square * torch.exp(-2.0 * log_sigma) - pixels * (log_sigma + 0.5 * math.log(2.0 * math.pi))
+
+
+def label_log_likelihood(logits: Tensor, targets: Tensor) -> Tensor:
+    """Log p(label|z) of a categorical head.
+
+    Args:
+        logits: (B, K).
+        targets: (B,) class indices, or (B, K) probabilities for a softened target (the expected log-likelihood
+            under that target).
+
+    Returns:
+        (B,) in nats, at most 0.
+    """
+    return -functional.cross_entropy(logits, targets, reduction="none")
+
+
+def soft_place_targets(places: Tensor, count: int, spread: float) -> Tensor:
+    """Softens a place label over its neighbours along the route, as their frames overlap.
+
+    Args:
+        places: (B,) indices in [0, count).
+        count: Number of places K.
+        spread: Standard deviation in places of the Gaussian that shares the label out; greater than 0.
+
+    Returns:
+        (B, K), rows sum to 1.
+    """
+    along = torch.arange(count, device=places.device, dtype=torch.float32)
+    return torch.softmax(-0.5 * ((along[None, :] - places[:, None]) / spread).square(), dim=1)

@@ -1,0 +1,72 @@
+"""A trained model on disk: its configuration and how it was chosen as JSON, its weights as safetensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from everplace.errors import CheckpointError
+from everplace.files import readable
+from everplace.model.architecture import ConditionVAE
+from everplace.model.config import ModelConfig
+from everplace.model.tensor_file import load_tensors, save_tensors
+
+__all__ = ["CHECKPOINT_NAME", "Checkpoint", "load_checkpoint", "save_checkpoint"]
+
+CHECKPOINT_NAME = "checkpoint"
+_FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A model with what is known of its making.
+
+    Attributes:
+        model: The network, with its weights, in evaluation mode and on the CPU.
+        about: How it was trained and chosen: recipe, seed, epoch, criterion and its value.
+    """
+
+    model: ConditionVAE
+    about: dict[str, Any] = field(default_factory=dict)
+
+
+def save_checkpoint(run: Path, model: ConditionVAE, about: dict[str, Any]) -> None:
+    """Writes the model into a run directory, replacing an earlier checkpoint as a whole.
+
+    Raises:
+        StorageError: Writing failed; an earlier checkpoint still stands.
+    """
+    document = {"format": _FORMAT, "model": model.config.model_dump(mode="json"), "about": about}
+    save_tensors(run, CHECKPOINT_NAME, model.state_dict(), document)
+
+
+def load_checkpoint(run: str | Path) -> Checkpoint:
+    """Reads the model of a run directory.
+
+    Raises:
+        CheckpointError: There is none, or it is of another version, malformed or altered.
+    """
+    run = Path(run)
+    if not run.is_dir():
+        raise CheckpointError(f"{readable(run)} is not a run directory; give the --out of everplace train")
+    tensors, document = load_tensors(run, CHECKPOINT_NAME, _FORMAT)
+    try:
+        config = ModelConfig.model_validate(document.get("model"))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "model"
+        raise CheckpointError(
+            f"{readable(run / CHECKPOINT_NAME)}.json describes no model: {where}: {first['msg']}; train again"
+        ) from None
+    model = ConditionVAE(config)
+    try:
+        model.load_state_dict(tensors)
+    except RuntimeError:
+        raise CheckpointError(
+            f"the weights in {readable(run)} do not fit the model that checkpoint.json describes; train again"
+        ) from None
+    about = document.get("about")
+    return Checkpoint(model.eval(), about if isinstance(about, dict) else {})

@@ -1,0 +1,62 @@
+"""What is fixed when a model is built: its kind, image, latent sizes and labels."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+__all__ = ["MODEL_KINDS", "ModelConfig", "ModelKind"]
+
+ModelKind = Literal["vae", "c-vae", "cp-vae"]
+MODEL_KINDS: tuple[ModelKind, ...] = ("vae", "c-vae", "cp-vae")
+
+PositiveInt = Annotated[int, Field(gt=0)]
+
+
+class ModelConfig(BaseModel):
+    """The shape of a model; together with its weights it is all that a checkpoint needs.
+
+    Attributes:
+        kind: `vae` (Eq. 1), `c-vae` (Eq. 3) or `cp-vae` (Eq. 5).
+        height: Image height H in pixels, a multiple of 32.
+        width: Image width W in pixels, a multiple of 32.
+        channels: 3 for RGB, 1 for grey.
+        conditions: Names of the conditions, in the order of the condition head's classes.
+        places: Number of training places, the classes of the place head (`cp-vae` only, else 0).
+        place_dimensions: Size of z_p, the condition-invariant block (the paper: 96).
+        condition_dimensions: Size of z_c, the condition-sensitive block (the paper: 32).
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    kind: ModelKind
+    height: PositiveInt = 224
+    width: PositiveInt = 224
+    channels: Literal[1, 3] = 3
+    conditions: tuple[str, ...] = ()
+    places: Annotated[int, Field(ge=0)] = 0
+    place_dimensions: PositiveInt = 96
+    condition_dimensions: PositiveInt = 32
+
+    @model_validator(mode="after")
+    def _check(self) -> ModelConfig:
+        if self.height % 32 or self.width % 32:
+            raise ValueError(
+                f"image size {self.height}x{self.width} is not a multiple of 32 on both sides; "
+                f"the nearest one is {_nearest(self.height)}x{_nearest(self.width)}"
+            )
+        if self.kind != "vae" and len(self.conditions) < 2:
+            raise ValueError(f"{self.kind} needs at least two conditions to tell apart, not {len(self.conditions)}")
+        if self.kind == "cp-vae" and self.places < 2:
+            raise ValueError(f"cp-vae needs at least two places to tell apart, not {self.places}")
+        return self
+
+    @property
+    def latent_dimensions(self) -> int:
+        """Size of z = [z_p, z_c]."""
+        return self.place_dimensions + self.condition_dimensions
+
+
+def _nearest(side: int) -> int:
+    return max(32, round(side / 32) * 32)

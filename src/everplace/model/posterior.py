@@ -1,0 +1,71 @@
+"""The diagonal Gaussian posterior q(z|x) and the one place that knows the order of z = [z_p, z_c]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+__all__ = ["LatentSplit", "Posterior"]
+
+
+@dataclass(frozen=True, slots=True)
+class LatentSplit:
+    """How z is divided: z_p first, then z_c (Oh and Eoh 2021, Section 3).
+
+    Everything that needs one of the two blocks asks here, so that the order cannot silently be swapped.
+
+    Attributes:
+        place: Size of z_p.
+        condition: Size of z_c.
+    """
+
+    place: int
+    condition: int
+
+    def z_p(self, z: Tensor) -> Tensor:
+        """The condition-invariant block, (..., place)."""
+        return z[..., : self.place]
+
+    def z_c(self, z: Tensor) -> Tensor:
+        """The condition-sensitive block, (..., condition)."""
+        return z[..., self.place :]
+
+    def join(self, z_p: Tensor, z_c: Tensor) -> Tensor:
+        """Builds z = [z_p, z_c] from its blocks.
+
+        Raises:
+            ValueError: A block has another size than this split, which is how a swap shows itself.
+        """
+        if z_p.shape[-1] != self.place or z_c.shape[-1] != self.condition:
+            raise ValueError(
+                f"z_p and z_c must have sizes {self.place} and {self.condition}, "
+                f"not {z_p.shape[-1]} and {z_c.shape[-1]}"
+            )
+        return torch.cat([z_p, z_c], dim=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """q(z|x) = N(mean, diag(exp(log_variance))) for a batch.
+
+    Attributes:
+        mean: (B, D).
+        log_variance: (B, D), natural logarithm.
+    """
+
+    mean: Tensor
+    log_variance: Tensor
+
+    def sample(self, noise: Tensor) -> Tensor:
+        """Reparameterised sample, z = mean + std * noise (Kingma and Welling 2014).
+
+        Args:
+            noise: (B, D) standard normal; the caller draws it, so that it can be repeated exactly.
+        """
+        return self.mean + torch.exp(0.5 * self.log_variance) * noise
+
+    def kl(self) -> Tensor:
+        """KL(q(z|x) || N(0, I)) of each frame and dimension in nats, (B, D), never negative."""
+        return 0.5 * (self.mean.square() + self.log_variance.exp() - 1.0 - self.log_variance)

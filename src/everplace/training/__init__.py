@@ -1,0 +1,1 @@
+"""Training on Lightning: configuration, frames, the module, validation by retrieval, and exact resuming."""

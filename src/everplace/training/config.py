@@ -1,0 +1,175 @@
+"""The whole configuration of a training run, as it stands in config.toml."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from everplace.data.augment import Augmentation
+from everplace.errors import ConfigError
+from everplace.files import readable, write_text
+from everplace.model.config import ModelKind
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+__all__ = ["CONFIG_FILE", "TermWeights", "TrainConfig", "read_toml", "recipe", "write_config"]
+
+CONFIG_FILE = "config.toml"
+
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class TermWeights(_Section):
+    """Weights of the terms of the bound ("weighted Eq. 1, 3, 5"); all 1 is the bound as the paper writes it.
+
+    Attributes:
+        image: Of log p(x|z), summed over pixels.
+        condition: Of log p(c|z_c).
+        place: Of log p(p|z_p).
+        beta_place: Of the KL divergence of z_p, after the warm-up.
+        beta_condition: Of the KL divergence of z_c, after the warm-up.
+    """
+
+    image: NonNegative = 1.0
+    condition: NonNegative = 1.0
+    place: NonNegative = 1.0
+    beta_place: NonNegative = 1.0
+    beta_condition: NonNegative = 1.0
+
+
+class TrainConfig(_Section):
+    """Everything that decides the outcome of a run, beside the images.
+
+    Attributes:
+        model: `vae`, `c-vae` or `cp-vae`.
+        recipe: Name of the recipe that gave the defaults; `faithful` is the paper's bound alone.
+        conditions: Traverses or conditions to train on; empty: all of the route.
+        frames: `A:B`, as `--frames`; empty: all.
+        drop_dark: Leave out dark places.
+        drop_stationary: Leave out places that look like the one before.
+        image_size: (H, W), multiples of 32.
+        grey: One channel instead of three.
+        epochs: Passes over the training frames; exactly one of `epochs` and `minutes` is given.
+        minutes: Stop after so much training time.
+        seed: Of weights, order, noise and augmentation.
+        batch_size: Frames in one step, over all devices.
+        learning_rate: At its highest; it warms up and then falls along a cosine.
+        weight_decay: Of AdamW.
+        warmup_epochs: Epochs over which the KL weights rise from 0 to theirs.
+        weights: Weights of the bound's terms.
+        place_spread: Standard deviation, in places, of the softened place target; 0: one class a frame.
+        augmentation: How much training images are changed.
+        held_out: Fraction of the training places, at their end, kept out of the gradient to choose the epoch.
+        held_out_gap: Places left out between the two.
+        tolerance: A match this many places away counts as right when the epoch is chosen.
+        validate_every: Epochs between validations.
+    """
+
+    model: ModelKind
+    recipe: Literal["faithful"] = "faithful"
+    conditions: tuple[str, ...] = ()
+    frames: str = ""
+    drop_dark: bool = False
+    drop_stationary: bool = False
+    image_size: tuple[int, int] = (224, 224)
+    grey: bool = False
+    epochs: Annotated[int, Field(gt=0)] | None = None
+    minutes: Positive | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    batch_size: Annotated[int, Field(ge=2)] = 32
+    learning_rate: Positive = 1e-3
+    weight_decay: NonNegative = 0.0
+    warmup_epochs: NonNegative = 5.0
+    weights: TermWeights = TermWeights()
+    place_spread: NonNegative = 0.0
+    augmentation: Augmentation = Augmentation()
+    held_out: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
+    held_out_gap: Annotated[int, Field(ge=0)] = 10
+    tolerance: Annotated[int, Field(ge=0)] = 1
+    validate_every: Annotated[int, Field(gt=0)] = 1
+
+    @model_validator(mode="after")
+    def _one_length(self) -> TrainConfig:
+        if (self.epochs is None) == (self.minutes is None):
+            raise ValueError("give exactly one of epochs and minutes")
+        return self
+
+    @classmethod
+    def build(cls, **values: Any) -> TrainConfig:
+        """Makes a configuration from a recipe's defaults and the values given over them.
+
+        Args:
+            values: Fields of this class; tables may be given in part (`weights={"place": 100}`).
+
+        Raises:
+            ConfigError: A key does not exist or a value is out of its range; the message names it.
+        """
+        defaults = recipe(str(values.get("model")), str(values.get("recipe", "faithful")))
+        try:
+            return cls.model_validate(_merge(defaults, values))
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"]) or "configuration"
+            message = first["msg"].removeprefix("Value error, ")
+            known = f"; known are {', '.join(cls.model_fields)}" if first["type"] == "extra_forbidden" else ""
+            raise ConfigError(f"{where}: {message}{known}") from None
+
+
+def recipe(model: str, name: str) -> dict[str, Any]:
+    """The defaults of a recipe for a kind of model.
+
+    Raises:
+        ConfigError: There is no recipe of that name.
+    """
+    if name != "faithful":
+        raise ConfigError(f"--recipe {name!r} does not exist; choose faithful")
+    defaults: dict[str, Any] = {
+        "recipe": name,
+        "batch_size": 64,
+        "augmentation": {"shift": 0.08, "crop": 0.12, "brightness": 0.1, "contrast": 0.2},
+    }
+    if model == "c-vae":
+        defaults["weights"] = {"condition": 100.0}
+    if model == "cp-vae":
+        defaults["weights"] = {"condition": 100.0, "place": 1000.0}
+    return defaults
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Reads the values of a `--config` file.
+
+    Raises:
+        ConfigError: The file is missing or is no TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise ConfigError(f"--config {readable(path)} cannot be read ({error.strerror}); check the path") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"--config {readable(path)} is not TOML: {error}") from None
+
+
+def write_config(run: Path, config: TrainConfig) -> None:
+    """Writes config.toml into a run directory."""
+    values = config.model_dump(mode="json", exclude_none=True)
+    write_text(run / CONFIG_FILE, tomli_w.dumps(values))
+
+
+def _merge(under: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(under)
+    for key, value in over.items():
+        below = merged.get(key)
+        merged[key] = _merge(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return merged

@@ -1,0 +1,300 @@
+"""A training run, from a route to a run directory."""
+
+from __future__ import annotations
+
+import logging
+import os
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+
+import lightning
+import torch
+from lightning.pytorch.loggers import Logger, TensorBoardLogger
+from lightning.pytorch.trainer.states import TrainerStatus
+from pydantic import ValidationError
+from torch.utils.data import DataLoader
+
+from everplace.data.images import usable_cores
+from everplace.data.route import Route
+from everplace.data.selection import Selection, parse_frames, select
+from everplace.errors import CheckpointError, ConfigError, RouteError
+from everplace.files import readable
+from everplace.model.architecture import ConditionVAE
+from everplace.model.checkpoint import CHECKPOINT_NAME
+from everplace.model.config import ModelConfig
+from everplace.model.tensor_file import has_tensors
+from everplace.progress import Progress, quiet
+from everplace.training.callbacks import RunKeeper, TrainingDisplay
+from everplace.training.config import CONFIG_FILE, TrainConfig, read_toml, write_config
+from everplace.training.frames import Batch, EpochOrder, SplitRoute, TrainingFrames, split_route
+from everplace.training.module import BoundModule
+from everplace.training.state import ResumeState, RunProgress, load_state, save_state
+from everplace.training.validation import criterion_name
+
+__all__ = ["TrainSummary", "bf16_is_fast", "select_route", "train"]
+
+_GRADIENT_NORM = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrainSummary:
+    """What a run came to.
+
+    Attributes:
+        run: The run directory.
+        model: Kind of the model.
+        epochs: Complete epochs.
+        seconds: Training time.
+        frames: Frames in the gradient.
+        places: Training places; 0 if the traverses are not aligned.
+        conditions: Names of the conditions.
+        criterion: What chose the epoch.
+        best_epoch: The epoch that the checkpoint holds.
+        best_value: Its value of the criterion.
+    """
+
+    run: str
+    model: str
+    epochs: int
+    seconds: float
+    frames: int
+    places: int
+    conditions: tuple[str, ...]
+    criterion: str
+    best_epoch: int
+    best_value: float | None
+
+
+def train(
+    route: Route,
+    config: TrainConfig,
+    out: Path,
+    *,
+    resume: bool = False,
+    devices: int = 1,
+    nodes: int = 1,
+    save_every: float = 60.0,
+    progress: Progress = quiet,
+    show: bool = False,
+) -> TrainSummary:
+    """Trains a model and keeps its best epoch.
+
+    A run of a given number of epochs that was killed at any moment and resumed ends with the same weights as one
+    that was not, on the same machine: order, augmentation and noise depend on (seed, epoch, step) alone.
+
+    Args:
+        route: An opened route; the configuration chooses from it.
+        config: Everything else that decides the outcome.
+        out: The run directory, new or (with `resume`) one that this run began.
+        resume: Continue where the run stands; start if there is nothing yet.
+        devices: Devices on this machine; more than one train with DDP.
+        nodes: Machines.
+        save_every: At most so many seconds pass (and one epoch) between two states to resume from.
+        progress: Told of decoding.
+        show: Show the training on stderr.
+
+    Raises:
+        RouteError: The route does not have what the model needs.
+        ConfigError: The configuration is wrong, or `out` holds another run.
+        CheckpointError: What should be resumed is damaged.
+        DivergedError: Training met a number that is not finite.
+        StorageError: The run directory cannot be written to.
+    """
+    chosen = select_route(route, config, progress)
+    split = split_route(chosen, config, progress)
+    model_config = _model_config(split, config)
+    state = _prepare(out, config, resume)
+    done = state.progress if state is not None else RunProgress()
+    frames = TrainingFrames(split, config.augmentation, config.seed)
+    keeper = RunKeeper(out, config, split, done, save_every)
+    if not done.finished:
+        module, order = _module(model_config, config, len(frames), state)
+        logger = _tensorboard(out)
+        trainer = _trainer(config, done, keeper, devices, nodes, logger, show)
+        order.share(trainer.global_rank, trainer.world_size)
+        loader = _loader(frames, order)
+        with _quiet_lightning():
+            _run(trainer, module, loader)
+        if trainer.is_global_zero:
+            save_state(out, replace(keeper.progress, finished=True), None, None)
+    end = keeper.progress
+    return TrainSummary(
+        str(out), config.model, end.epoch, end.seconds, len(frames), split.places, split.conditions,
+        criterion_name(split), end.best_epoch, end.best_value,
+    )  # fmt: skip
+
+
+def bf16_is_fast(device: str) -> bool:
+    """Whether the device multiplies bfloat16 in hardware; where it does not, autocast is many times slower."""
+    if device == "cuda":
+        return bool(torch.cuda.is_bf16_supported(including_emulation=False))
+    capabilities = torch.cpu.get_capabilities() if hasattr(torch.cpu, "get_capabilities") else {}
+    return bool(capabilities.get("avx512_bf16") or capabilities.get("amx_bf16") or capabilities.get("bf16"))
+
+
+def select_route(route: Route, config: TrainConfig, progress: Progress = quiet) -> Route:
+    """The traverses and places that a configuration trains on.
+
+    Raises:
+        RouteError: CP-VAE was asked for and the traverses share no place, or nothing is left.
+    """
+    chosen = route.choose(config.conditions) if config.conditions else route
+    if config.model == "cp-vae" and not chosen.aligned:
+        raise RouteError(
+            f"the traverses {', '.join(readable(t.name) for t in chosen.traverses)} of {readable(route.root)} share no "
+            "stem, and cp-vae learns from the same places in several conditions; give the frames of a place the same "
+            "name in each traverse, or train c-vae"
+        )
+    frames = parse_frames(config.frames) if config.frames else None
+    return select(chosen, Selection(frames, config.drop_dark, config.drop_stationary), progress)
+
+
+def _model_config(split: SplitRoute, config: TrainConfig) -> ModelConfig:
+    height, width = config.image_size
+    try:
+        return ModelConfig(
+            kind=config.model,
+            height=height,
+            width=width,
+            channels=1 if config.grey else 3,
+            conditions=() if config.model == "vae" else split.conditions,
+            places=split.places if config.model == "cp-vae" else 0,
+        )
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ConfigError(first["msg"].removeprefix("Value error, ")) from None
+
+
+def _prepare(out: Path, config: TrainConfig, resume: bool) -> ResumeState | None:
+    """Makes the run directory, or checks that what stands there is this run."""
+    leads = int(os.environ.get("LOCAL_RANK", "0")) == 0 and int(os.environ.get("NODE_RANK", "0")) == 0
+    began = (out / CONFIG_FILE).is_file() or has_tensors(out, CHECKPOINT_NAME)
+    if out.is_file():
+        raise ConfigError(f"--out {readable(out)} is a file; name a directory for the run")
+    if began and not resume and leads:
+        raise ConfigError(f"--out {readable(out)} already holds a run; add --resume to continue it, or name another")
+    if began and resume and (out / CONFIG_FILE).is_file():
+        _require_same(out, config)
+    if leads:
+        write_config(out, config)
+    return load_state(out) if resume else None
+
+
+def _require_same(out: Path, config: TrainConfig) -> None:
+    try:
+        before = TrainConfig.model_validate(read_toml(out / CONFIG_FILE))
+    except (ConfigError, ValidationError):
+        raise CheckpointError(
+            f"{readable(out / CONFIG_FILE)} was not written by this version of everplace or was altered; "
+            "restore it, or train anew into another directory"
+        ) from None
+    for name in TrainConfig.model_fields:
+        old, new = getattr(before, name), getattr(config, name)
+        if old != new:
+            raise ConfigError(
+                f"--resume continues a run with its own settings, but {name} was {old!r} and is now {new!r}; give the "
+                f"same, or another --out than {readable(out)}"
+            )
+
+
+def _module(
+    model_config: ModelConfig, config: TrainConfig, frames: int, state: ResumeState | None
+) -> tuple[BoundModule, EpochOrder]:
+    with torch.random.fork_rng():
+        torch.manual_seed(config.seed)
+        model = ConditionVAE(model_config)
+    done = state.progress if state is not None else RunProgress()
+    if state is not None:
+        try:
+            model.load_state_dict(state.model)
+        except RuntimeError:
+            raise CheckpointError(
+                "the state to resume from does not fit the model; the route has changed since, so train anew"
+            ) from None
+    order = EpochOrder(frames, config.batch_size, config.seed, first_epoch=done.epoch)
+    module = BoundModule(
+        model,
+        config,
+        len(order),
+        first_epoch=done.epoch,
+        seconds_before=done.seconds,
+        optimizer_state=state.optimizer if state is not None else None,
+    )
+    return module, order
+
+
+def _trainer(
+    config: TrainConfig,
+    done: RunProgress,
+    keeper: RunKeeper,
+    devices: int,
+    nodes: int,
+    logger: Logger | None,
+    show: bool,
+) -> lightning.Trainer:
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    callbacks: list[lightning.Callback] = [keeper]
+    if show:
+        callbacks.append(TrainingDisplay(keeper, config))
+    with _quiet_lightning():
+        return lightning.Trainer(
+            accelerator="gpu" if device == "cuda" else "cpu",
+            devices=devices,
+            num_nodes=nodes,
+            strategy="ddp" if devices * nodes > 1 else "auto",
+            precision="bf16-mixed" if bf16_is_fast(device) else "32-true",
+            max_epochs=config.epochs - done.epoch if config.epochs is not None else -1,
+            gradient_clip_val=_GRADIENT_NORM,
+            deterministic="warn" if device == "cuda" else False,
+            logger=logger or False,
+            callbacks=callbacks,
+            use_distributed_sampler=False,
+            enable_checkpointing=False,
+            enable_progress_bar=False,
+            enable_model_summary=False,
+        )
+
+
+def _tensorboard(out: Path) -> Logger | None:
+    if find_spec("tensorboard") is None:
+        return None
+    return TensorBoardLogger(out, name="tensorboard", version="")
+
+
+def _loader(frames: TrainingFrames, order: EpochOrder) -> DataLoader[Batch]:
+    # On the CPU the network uses all cores itself; a worker would only take one away.
+    workers = min(8, usable_cores()) if torch.cuda.is_available() else 0
+    return DataLoader(
+        frames, batch_size=None, sampler=order, num_workers=workers, persistent_workers=False,
+        pin_memory=workers > 0,
+    )  # fmt: skip
+
+
+def _run(trainer: lightning.Trainer, module: BoundModule, loader: DataLoader[Batch]) -> None:
+    try:
+        trainer.fit(module, loader)
+    except SystemExit:
+        # Lightning turns Ctrl-C into exit status 1; the command line has its own answer to it.
+        if trainer.state.status == TrainerStatus.INTERRUPTED:
+            raise KeyboardInterrupt from None
+        raise
+
+
+@contextmanager
+def _quiet_lightning() -> Iterator[None]:
+    """Keeps Lightning's advice off the screen; what matters to the user is said by everplace."""
+    loggers = [logging.getLogger(name) for name in ("lightning.pytorch", "lightning.fabric")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", module="lightning.*")
+            yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

@@ -1,0 +1,166 @@
+"""The training frames: packed pixels with their labels, the held-out block, and the order of an epoch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.utils.data import Dataset, Sampler
+
+from everplace.data.augment import Augmentation, augment, augmentation_rng
+from everplace.data.images import ImageSpec
+from everplace.data.pack import pack
+from everplace.data.route import Route
+from everplace.errors import RouteError
+from everplace.files import readable
+from everplace.progress import Progress, quiet
+from everplace.training.config import TrainConfig
+
+__all__ = ["Batch", "EpochOrder", "FrameBlock", "TrainingFrames", "split_route"]
+
+
+class Batch(NamedTuple):
+    """One step's frames.
+
+    Attributes:
+        images: (B, H, W, C) uint8.
+        conditions: (B,) index of the condition.
+        places: (B,) index of the training place, -1 where traverses are not aligned.
+    """
+
+    images: Tensor
+    conditions: Tensor
+    places: Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class FrameBlock:
+    """Frames of one traverse: pixels N×H×W×C and the index of their condition."""
+
+    pixels: NDArray[np.uint8]
+    condition: int
+
+
+@dataclass(frozen=True, eq=False)
+class SplitRoute:
+    """What the gradient sees and what chooses the epoch.
+
+    Attributes:
+        conditions: Names of the conditions.
+        training: One block a traverse.
+        held_out: One block a traverse, a contiguous part at the end behind a gap; aligned if the route is.
+        aligned: Row i of every block shows the same place.
+    """
+
+    conditions: tuple[str, ...]
+    training: tuple[FrameBlock, ...]
+    held_out: tuple[FrameBlock, ...]
+    aligned: bool
+
+    @property
+    def places(self) -> int:
+        """Number of training places; 0 if the traverses are not aligned."""
+        return len(self.training[0].pixels) if self.aligned else 0
+
+
+def split_route(route: Route, config: TrainConfig, progress: Progress = quiet) -> SplitRoute:
+    """Packs the chosen frames and keeps a contiguous block at the end out of the gradient.
+
+    Args:
+        route: The chosen traverses, after selection.
+        config: Image size, held-out fraction and gap.
+        progress: Told of the packing.
+
+    Raises:
+        RouteError: There are too few frames to hold a block out.
+    """
+    spec = ImageSpec(config.image_size, config.grey)
+    conditions = route.conditions
+    training, held_out = [], []
+    for traverse in route.traverses:
+        total = len(traverse)
+        kept_out = max(2, round(config.held_out * total))
+        end = total - kept_out - config.held_out_gap
+        if end < 2:
+            raise RouteError(
+                f"traverse {readable(traverse.name)} has {total} frames to train on, too few to hold out {kept_out} "
+                f"behind a gap of {config.held_out_gap}; add frames or set held_out and held_out_gap lower"
+            )
+        pixels = pack(traverse, spec, progress=progress).pixels
+        condition = conditions.index(traverse.condition)
+        training.append(FrameBlock(pixels[:end], condition))
+        held_out.append(FrameBlock(pixels[total - kept_out :], condition))
+    return SplitRoute(conditions, tuple(training), tuple(held_out), route.aligned)
+
+
+class TrainingFrames(Dataset[Batch]):
+    """Gives whole batches, augmented; a key is an epoch with the positions of its frames."""
+
+    def __init__(self, split: SplitRoute, augmentation: Augmentation, seed: int) -> None:
+        self._blocks = split.training
+        self._starts = np.cumsum([0, *(len(block.pixels) for block in self._blocks)])
+        self._aligned = split.aligned
+        self._augmentation = augmentation
+        self._seed = seed
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return int(self._starts[-1])
+
+    def __getitem__(self, key: tuple[int, NDArray[np.int64]]) -> Batch:
+        """Returns the frames at the key's positions, augmented as (seed, epoch, position) says."""
+        epoch, positions = key
+        blocks = np.searchsorted(self._starts, positions, side="right") - 1
+        rows = positions - self._starts[blocks]
+        images = np.stack(
+            [
+                augment(
+                    self._blocks[block].pixels[row],
+                    self._augmentation,
+                    augmentation_rng(self._seed, epoch, int(position)),
+                )
+                for block, row, position in zip(blocks, rows, positions, strict=True)
+            ]
+        )
+        conditions = np.array([self._blocks[block].condition for block in blocks], dtype=np.int64)
+        places = rows if self._aligned else np.full_like(rows, -1)
+        return Batch(torch.from_numpy(images), torch.from_numpy(conditions), torch.from_numpy(places))
+
+
+class EpochOrder(Sampler[tuple[int, NDArray[np.int64]]]):
+    """The batches of each epoch, a function of (seed, epoch) alone, so that a resumed run sees the same ones.
+
+    With several devices each takes every `world`-th frame of a batch, so the batches do not depend on their number.
+    The frames of the last, smaller batch wait for the next epoch's order.
+    """
+
+    def __init__(self, frames: int, batch_size: int, seed: int, *, first_epoch: int = 0) -> None:
+        self._frames = frames
+        self._batch = min(batch_size, frames)
+        self._seed = seed
+        self._first = first_epoch
+        self._epoch = first_epoch
+        self._rank, self._world = 0, 1
+
+    def share(self, rank: int, world: int) -> None:
+        """Says which part of each batch this device takes."""
+        self._rank, self._world = rank, world
+
+    def set_epoch(self, epoch: int) -> None:
+        """Lightning calls this with the epoch counted from the start of this process."""
+        self._epoch = self._first + epoch
+
+    def __len__(self) -> int:
+        """Number of batches in an epoch."""
+        return self._frames // self._batch
+
+    def __iter__(self) -> Iterator[tuple[int, NDArray[np.int64]]]:
+        """Yields the epoch with the positions of one batch's frames."""
+        order = np.random.default_rng((self._seed, self._epoch)).permutation(self._frames)
+        for start in range(0, len(self) * self._batch, self._batch):
+            yield self._epoch, order[start : start + self._batch][self._rank :: self._world]

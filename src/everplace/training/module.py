@@ -1,0 +1,234 @@
+"""The Lightning module: one step of the weighted bound, everything random drawn from (seed, step)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import defaultdict
+from typing import Any
+
+import lightning
+import numpy as np
+import torch
+from torch import Tensor
+
+from everplace.errors import DivergedError
+from everplace.model.architecture import ConditionVAE, Output
+from everplace.model.bounds import (
+    Weights,
+    c_vae_bound,
+    cp_vae_bound,
+    gaussian_log_likelihood,
+    label_log_likelihood,
+    optimal_log_sigma,
+    soft_place_targets,
+    vae_bound,
+)
+from everplace.model.images import to_input
+from everplace.training.config import TrainConfig
+from everplace.training.frames import Batch
+
+__all__ = ["ACTIVE_ABOVE", "BoundModule", "bound_terms", "step_noise"]
+
+ACTIVE_ABOVE = 0.01
+"""A latent dimension whose mean KL divergence is above this, in nats, is counted as active."""
+
+_WARMUP = 0.03  # of the whole run
+
+
+def step_noise(seed: int, step: int, frames: int, dimensions: int) -> Tensor:
+    """The standard normal noise of one step, (frames, dimensions), the same whenever it is drawn."""
+    mixed = np.random.SeedSequence((seed, step)).generate_state(1, np.uint64)[0]
+    generator = torch.Generator().manual_seed(int(mixed) >> 1)
+    return torch.randn(frames, dimensions, generator=generator)
+
+
+def bound_terms(
+    model: ConditionVAE,
+    images: Tensor,
+    output: Output,
+    log_sigma: Tensor,
+    labels: tuple[Tensor, Tensor | None],
+    weights: Weights,
+) -> dict[str, Tensor]:
+    """The terms of the model's bound for each frame, (B,), and the bound itself under `bound`.
+
+    Args:
+        model: Says which bound it is.
+        images: (B, C, H, W) in [0, 1].
+        output: What the model made of them.
+        log_sigma: The decoder's log sigma.
+        labels: Condition indices (B,), and the place target (B,) or (B, K); without a place target the place term
+            is left out, as held-out places have no class.
+        weights: Weights of the terms.
+    """
+    kl = output.posterior.kl()
+    terms = {
+        "image": gaussian_log_likelihood(images, output.reconstruction, log_sigma),
+        "kl_place": model.split.z_p(kl).sum(1),
+        "kl_condition": model.split.z_c(kl).sum(1),
+    }
+    conditions, places = labels
+    if output.condition_logits is None:
+        terms["bound"] = vae_bound(**terms, weights=weights)
+        return terms
+    terms["condition"] = label_log_likelihood(output.condition_logits, conditions)
+    if output.place_logits is None or places is None:
+        terms["bound"] = c_vae_bound(**terms, weights=weights)
+        return terms
+    terms["place"] = label_log_likelihood(output.place_logits, places)
+    terms["bound"] = cp_vae_bound(**terms, weights=weights)
+    return terms
+
+
+class BoundModule(lightning.LightningModule):
+    """Maximises the weighted bound of a model.
+
+    Attributes:
+        model: The network.
+        config: The run's configuration.
+        first_epoch: Epochs that were done before this process started.
+        seconds_before: Training seconds of earlier processes of this run.
+    """
+
+    def __init__(
+        self,
+        model: ConditionVAE,
+        config: TrainConfig,
+        steps_per_epoch: int,
+        *,
+        first_epoch: int = 0,
+        seconds_before: float = 0.0,
+        optimizer_state: dict[int, dict[str, Tensor]] | None = None,
+    ) -> None:
+        super().__init__()
+        self.model = model
+        self.config = config
+        self.first_epoch = first_epoch
+        self.seconds_before = seconds_before
+        self._steps_per_epoch = steps_per_epoch
+        self._optimizer_state = optimizer_state
+        self._started = time.monotonic()
+        self._sums: dict[str, Tensor] = defaultdict(lambda: torch.zeros((), device=self.device))
+        self._steps = 0
+
+    @property
+    def epoch(self) -> int:
+        """Epochs of the whole run that are complete."""
+        return self.first_epoch + self.current_epoch
+
+    @property
+    def seconds(self) -> float:
+        """Training seconds of the whole run."""
+        return self.seconds_before + time.monotonic() - self._started
+
+    def on_train_start(self) -> None:
+        """Starts the clock: set-up does not count as training."""
+        self._started = time.monotonic()
+
+    def configure_optimizers(self) -> torch.optim.Optimizer:
+        """AdamW, with the moments of an earlier process if the run is resumed."""
+        optimizer = torch.optim.AdamW(
+            self.parameters(), lr=self.config.learning_rate, weight_decay=self.config.weight_decay, fused=True
+        )
+        if self._optimizer_state is not None:
+            groups = optimizer.state_dict()["param_groups"]
+            optimizer.load_state_dict({"state": self._optimizer_state, "param_groups": groups})
+            self._optimizer_state = None
+        return optimizer
+
+    def progress(self, batch_index: int) -> float:
+        """How much of the run is done, in [0, 1]: of its epochs, or of its minutes."""
+        if self.config.epochs is not None:
+            return (self.epoch + batch_index / self._steps_per_epoch) / self.config.epochs
+        assert self.config.minutes is not None
+        return min(1.0, self._shared_seconds() / (60.0 * self.config.minutes))
+
+    def on_train_batch_start(self, batch: Batch, batch_idx: int) -> None:
+        """Sets the learning rate: linear warm-up, then a cosine to zero; stops a run by the clock."""
+        progress = self.progress(batch_idx)
+        warm = min(1.0, (progress + 1e-3) / _WARMUP)
+        rate = self.config.learning_rate * warm * 0.5 * (1.0 + math.cos(math.pi * progress))
+        for group in self.trainer.optimizers[0].param_groups:
+            group["lr"] = rate
+        if self.config.minutes is not None and progress >= 1.0:
+            self.trainer.should_stop = True
+
+    def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
+        """The negative weighted bound, a mean over frames and divided by the number of pixel values.
+
+        Raises:
+            DivergedError: The loss is not finite.
+        """
+        step = self._step(batch_idx)
+        images = to_input(batch.images)
+        world, rank = self.trainer.world_size, self.trainer.global_rank
+        noise = step_noise(self.config.seed, step, len(images) * world, self.model.config.latent_dimensions)
+        output = self.model(images, noise[rank::world].to(self.device))
+        log_sigma = optimal_log_sigma(images, output.reconstruction)
+        terms = bound_terms(
+            self.model,
+            images,
+            output,
+            log_sigma,
+            (batch.conditions, self._place_target(batch)),
+            self._weights(batch_idx),
+        )
+        loss = -terms["bound"].mean() / images[0].numel()
+        if not torch.isfinite(loss):
+            wrong = [name for name, term in terms.items() if not torch.isfinite(term).all()]
+            raise DivergedError(
+                f"training diverged in epoch {self.epoch + 1}, step {batch_idx + 1}: {', '.join(wrong)} not finite; "
+                "the last good checkpoint stands; try a lower learning_rate or smaller weights"
+            )
+        self._remember(terms, images, output)
+        return loss
+
+    def epoch_means(self) -> dict[str, float]:
+        """Means of the terms over the epoch and over all devices, sigma, and active dimensions; forgets them."""
+        sums = {name: self._mean_over_devices(value) for name, value in self._sums.items()}
+        means = {name: value / self._steps for name, value in sums.items()}
+        self._sums.clear()
+        self._steps = 0
+        kl = means.pop("kl_dimensions")
+        row = {name: float(value) for name, value in means.items() if name != "square"}
+        row["active_place"] = float((self.model.split.z_p(kl) > ACTIVE_ABOVE).sum())
+        row["active_condition"] = float((self.model.split.z_c(kl) > ACTIVE_ABOVE).sum())
+        # The sigma that training reached is fixed from here on: a bound is only ever evaluated with it.
+        self.model.log_sigma.copy_(0.5 * torch.log(means["square"]))
+        row["sigma"] = float(self.model.log_sigma.exp())
+        row["learning_rate"] = float(self.trainer.optimizers[0].param_groups[0]["lr"])
+        return row
+
+    def _remember(self, terms: dict[str, Tensor], images: Tensor, output: Output) -> None:
+        with torch.no_grad():
+            for name, term in terms.items():
+                self._sums[name] = self._sums[name] + term.mean()
+            self._sums["square"] = self._sums["square"] + (images - output.reconstruction).square().mean()
+            self._sums["kl_dimensions"] = self._sums["kl_dimensions"] + output.posterior.kl().mean(0)
+        self._steps += 1
+
+    def _place_target(self, batch: Batch) -> Tensor | None:
+        if self.model.place_head is None:
+            return None
+        if self.config.place_spread == 0:
+            return batch.places
+        return soft_place_targets(batch.places, self.model.config.places, self.config.place_spread)
+
+    def _weights(self, batch_index: int) -> Weights:
+        given = self.config.weights
+        done = self.epoch + (batch_index + 1) / self._steps_per_epoch
+        warm = min(1.0, done / self.config.warmup_epochs) if self.config.warmup_epochs else 1.0
+        return Weights(given.image, given.condition, given.place, given.beta_place * warm, given.beta_condition * warm)
+
+    def _step(self, batch_index: int) -> int:
+        return self.epoch * self._steps_per_epoch + batch_index
+
+    def _shared_seconds(self) -> float:
+        """Seconds as the first device counts them, so that all devices stop at the same step."""
+        seconds: Any = self.trainer.strategy.broadcast(self.seconds)
+        return float(seconds)
+
+    def _mean_over_devices(self, value: Tensor) -> Tensor:
+        mean: Any = self.trainer.strategy.reduce(value.clone(), reduce_op="mean")
+        return torch.as_tensor(mean)
