@@ -6,7 +6,9 @@ import base64
 import html
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Literal, TypeAlias, TypeGuard
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeGuard
+
+import numpy as np
 
 from everplace.errors import ConfigError
 from everplace.plots.canvas import png_bytes, svg_bytes
@@ -26,7 +28,8 @@ __all__ = [
     "table_block",
 ]
 
-Value: TypeAlias = str | int | float | None
+Number: TypeAlias = int | float | np.integer[Any] | np.floating[Any]
+Value: TypeAlias = str | Number | None
 """What a table's cell or a fact holds; None and NaN are shown as a dash."""
 
 Best: TypeAlias = Literal["highest", "lowest"]
@@ -51,13 +54,13 @@ def formatted(value: Value, digits: int = 3) -> str:
         value: Integers get thousands separators, floats `digits` decimals, None and NaN a dash.
         digits: Decimals of a float.
     """
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "–"  # noqa: RUF001
     if isinstance(value, str):
         return value
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return f"{value:,}" if isinstance(value, int) else f"{value:,.{digits}f}"
+    if not _is_number(value):
+        return "\N{EN DASH}"
+    return f"{value:,}" if isinstance(value, int | np.integer) else f"{value:,.{digits}f}"
 
 
 def facts_block(facts: Mapping[str, Value], digits: int = 3) -> str:
@@ -149,9 +152,11 @@ def _class(names: str) -> str:
     return f' class="{names}"' if names else ""
 
 
-def _is_number(value: Value) -> TypeGuard[int | float]:
-    """Whether a cell holds a number that can be compared (a truth value is none)."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and not math.isnan(value)
+def _is_number(value: Value) -> TypeGuard[Number]:
+    """Whether a value can be compared: numpy's numbers can, truth values and NaN cannot."""
+    return (
+        isinstance(value, int | float | np.number) and not isinstance(value, bool) and not math.isnan(value)
+    )
 
 
 def _look(column: Sequence[Value]) -> str:

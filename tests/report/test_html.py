@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+import html.parser
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+from everplace.errors import StorageError
+from everplace.plots.canvas import new_axes
+from everplace.report.html import Report
+
+VOID = {"meta", "img", "link", "br", "hr", "input"}
+PLOTLY = "plotly.js v"
+
+
+class Page(html.parser.HTMLParser):
+    """Reads a page strictly: every element that opens is closed, in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.words: dict[str, list[str]] = {}
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and data.strip():
+            self.words.setdefault(self.open[-1], []).append(data)
+
+    def attributes(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+def full_report(charts: int = 2) -> Report:
+    report = Report(
+        'Scores <script>alert("1")</script>', subtitle="a & b", details={"command": "everplace compare <x>"}
+    )
+    section = report.section("Scores & more")
+    section.paragraph("<b>text</b>").facts({"queries": 3})
+    section.table(["method", "auc"], [["<i>", 0.5]], caption="All", best={"auc": "highest"})
+    figure, axes = new_axes(3, 2)
+    axes.imshow(np.eye(4))
+    report.section("Scores, more").figure(figure, alt="four cells", caption="Cells")
+    for number in range(charts):
+        plot = go.Figure(go.Scatter(x=[0, 1], y=[1, 0], name=f"line {number}"), layout={"template": "none"})
+        section.chart(plot, alt=f"chart {number}", caption="A line")
+    return report
+
+
+def test_page_is_balanced_and_says_what_was_given() -> None:
+    page = Page(full_report().html())
+    for tag in ("main", "header", "nav", "h1", "title"):
+        assert len(page.attributes(tag)) == 1, tag
+    assert page.words["h1"] == page.words["title"] == ['Scores <script>alert("1")</script>']
+    assert (
+        page.words["p"]
+        == ["a & b", "<b>text</b>"] + ["This chart needs JavaScript; it asks nothing from the network."] * 2
+    )
+    assert "everplace compare <x>" in page.words["dd"]
+    assert page.attributes("html") == [{"lang": "en"}]
+    assert all(image["alt"] for image in page.attributes("img"))
+    assert len(page.attributes("figure")) == len(page.words["figcaption"]) == 3
+    assert {head["scope"] for head in page.attributes("th")} == {"row", "col"}
+    assert "i" not in page.words
+
+
+def test_contents_lead_to_every_section_once() -> None:
+    report = full_report()
+    report.section("Scores & more")
+    report.section("冬")
+    page = Page(report.html())
+    anchors = [section["id"] for section in page.attributes("section")]
+    assert anchors == ["scores-more", "scores-more-2", "scores-more-3", "section"]
+    assert [link["href"] for link in page.attributes("a")] == [f"#{anchor}" for anchor in anchors]
+    ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    labels = [section["aria-labelledby"] for section in page.attributes("section")]
+    assert set(labels) <= set(ids)
+
+
+def test_nothing_is_taken_from_a_network() -> None:
+    page = Page(full_report().html())
+    for tag, attributes in page.elements:
+        for name in ("src", "href", "data", "poster", "srcset", "action"):
+            target = attributes.get(name)
+            assert target is None or target.startswith(("data:", "#")), (tag, target)
+    assert page.attributes("link") == []
+    (policy,) = (meta["content"] for meta in page.attributes("meta") if "http-equiv" in meta)
+    assert policy is not None
+    assert policy.startswith("default-src 'none'")
+    assert "http" not in policy
+    style = "".join(page.words["style"])
+    assert "url(" not in style
+    assert "@import" not in style
+
+
+@pytest.mark.parametrize(("charts", "copies"), [(0, 0), (1, 1), (3, 1)])
+def test_plotly_is_there_once_or_not_at_all(charts: int, copies: int) -> None:
+    text = full_report(charts).html()
+    assert text.count(PLOTLY) == copies
+    assert text.count('<script type="application/json">') == charts
+    assert (len(text) > 1_000_000) == bool(copies)
+
+
+def test_a_report_without_charts_never_imports_plotly() -> None:
+    code = (
+        "import sys\n"
+        "from everplace.report.html import Report\n"
+        "report = Report('a'); report.section('b').paragraph('c'); report.html()\n"
+        "assert 'plotly' not in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
+def test_empty_report_is_a_page_without_contents() -> None:
+    page = Page(Report("Nothing").html())
+    assert page.attributes("nav") == []
+    assert page.words["h1"] == ["Nothing"]
+
+
+def test_report_is_written_whole(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "report.html"
+    report = Report("frame\udcff")
+    report.write(path)
+    first = path.read_text(encoding="utf-8")
+    assert first == report.html()
+    report.section("More")
+    report.write(path)
+    assert "More" in path.read_text(encoding="utf-8")
+    assert [entry.name for entry in path.parent.iterdir()] == ["report.html"]
+    with pytest.raises(StorageError, match="report"):
+        report.write(path / "below-a-file.html")
+
+
+def test_light_dark_phone_and_paper_have_their_rules() -> None:
+    style = "".join(Page(Report("a").html()).words["style"])
+    for rule in ("prefers-color-scheme: dark", "max-width: 40rem", "@media print"):
+        assert rule in style
+    assert style.count("{") == style.count("}")
