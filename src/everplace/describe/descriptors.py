@@ -1,8 +1,8 @@
 """Descriptors of a traverse: in memory, in everplace's HDF5 file, and in hloc's layout.
 
-The file: dataset `descriptors` N×D float32, dataset `names` N UTF-8 strings, where known `variance` N×D float32,
-and the attributes `method`, `metric`, `settings` (JSON), `everplace_version`. A file from elsewhere needs the
-first two only: its method is then "unknown" and its metric cosine.
+The file: dataset `descriptors` N×D float32, dataset `names` N UTF-8 strings, where known `variance` N×D
+float32, and the attributes `method`, `metric`, `settings` (JSON), `everplace_version`. A file from elsewhere
+needs the first two only: its method is then "unknown" and its metric cosine.
 """
 
 from __future__ import annotations
@@ -52,15 +52,12 @@ class Descriptors:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
-        object.__setattr__(self, "values", self._checked(self.values, "descriptors"))
         self._check_names()
+        object.__setattr__(self, "values", self._checked(self.values, "descriptors"))
         if self.metric not in get_args(Metric):
-            raise DescriptorsError(
-                f"the metric must be one of {', '.join(get_args(Metric))}, not {self.metric!r}"
-            )
+            raise DescriptorsError(f"the metric must be one of {', '.join(get_args(Metric))}, not {self.metric!r}")
         if self.variance is not None:
-            object.__setattr__(self, "variance", self._checked(self.variance, "variance"))
-            self._check_variance()
+            object.__setattr__(self, "variance", self._checked_variance(self.variance))
 
     def __len__(self) -> int:
         return len(self.names)
@@ -75,9 +72,7 @@ class Descriptors:
         if array.dtype.kind != "f":
             raise DescriptorsError(f"the {what} must be floating-point numbers, not {array.dtype}")
         if array.ndim != 2 or array.size == 0:
-            raise DescriptorsError(
-                f"the {what} must be N×D numbers of at least one frame, not of shape {array.shape}"
-            )
+            raise DescriptorsError(f"the {what} must be N×D numbers of at least one frame, not of shape {array.shape}")
         if len(array) != len(self.names):
             raise DescriptorsError(f"there are {len(array)} rows of {what} for {len(self.names)} names")
         with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is named below
@@ -85,39 +80,36 @@ class Descriptors:
         finite = np.isfinite(array.min(axis=1)) & np.isfinite(array.max(axis=1))  # both hand NaN on
         if not finite.all():
             name = self.names[int(np.argmin(finite))]
-            raise DescriptorsError(
-                f"the {what} of frame {readable(name)!r} holds NaN or infinity; look at its image or the method"
-            )
+            raise DescriptorsError(f"the {what} of frame {readable(name)!r} holds NaN or infinity; look at its image")
         return array
 
     def _check_names(self) -> None:
+        for name in self.names:
+            if not name or "\0" in name or not _is_encodable(name):
+                raise DescriptorsError(f"{name!r} cannot name a frame; give it a name that a file could have")
         if len(set(self.names)) < len(self.names):
             twice = Counter(self.names).most_common(1)[0][0]
             raise DescriptorsError(f"the name {readable(twice)!r} occurs twice; every frame needs its own")
-        for name in self.names:
-            if not name or "\0" in name:
-                raise DescriptorsError(
-                    f"{name!r} cannot name a frame; names need at least one character and no NUL"
-                )
 
-    def _check_variance(self) -> None:
-        assert self.variance is not None
-        if self.variance.shape != self.values.shape:
+    def _checked_variance(self, array: NDArray[Any]) -> NDArray[np.float32]:
+        variance = self._checked(array, "variance")
+        if variance.shape != self.values.shape:
             raise DescriptorsError(
-                f"the variance has shape {self.variance.shape}, not {self.values.shape} as the descriptors have"
+                f"the variance has shape {variance.shape}, not {self.values.shape} as the descriptors"
             )
-        negative = self.variance.min(axis=1) < 0
+        negative = variance.min(axis=1) < 0
         if negative.any():
             name = self.names[int(np.argmax(negative))]
-            raise DescriptorsError(f"the variance of frame {readable(name)!r} is negative")
+            raise DescriptorsError(f"the variance of frame {readable(name)!r} is negative; look at the model")
+        return variance
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Writes everplace's HDF5 file, whole or not at all.
 
         Raises:
             StorageError: The place cannot be written to.
         """
-        with whole_file(path) as temporary, h5py.File(temporary, "w") as file:
+        with whole_file(Path(path)) as temporary, h5py.File(temporary, "w") as file:
             file["descriptors"] = self.values
             if self.variance is not None:
                 file["variance"] = self.variance
@@ -125,22 +117,24 @@ class Descriptors:
             file.create_dataset("names", data=encoded, dtype=h5py.string_dtype("utf-8"))
             self._write_attributes(file)
 
-    def write_hloc(self, path: Path) -> None:
+    def write_hloc(self, path: str | Path) -> None:
         """Writes hloc's layout: a group for every name (`/` nests) that holds `global_descriptor`, D float32.
 
         Raises:
-            DescriptorsError: A name cannot be an HDF5 group, or stands inside another frame's group.
+            DescriptorsError: A name cannot be an HDF5 group: it is not UTF-8, has an empty part, or is the
+                directory of another.
             StorageError: The place cannot be written to.
         """
-        with whole_file(path) as temporary, h5py.File(temporary, "w") as file:
+        with whole_file(Path(path)) as temporary, h5py.File(temporary, "w") as file:
             for name, row in zip(self.names, self.values, strict=True):
-                group = name.encode("utf-8", _BYTES_OF_NAMES)
-                if any(part in {"", ".", "global_descriptor"} for part in name.split("/")) or group in file:
+                parts = name.split("/")
+                reserved = any(part in {"", ".", "global_descriptor"} for part in parts)
+                if reserved or readable(name) != name or name in file:
                     raise DescriptorsError(
                         f"{readable(name)!r} cannot name a group in hloc's layout; rename the image or write "
                         "everplace's own format"
                     )
-                file.create_group(group)["global_descriptor"] = row
+                file.create_group(name)["global_descriptor"] = row
             self._write_attributes(file)
 
     def _write_attributes(self, file: h5py.File) -> None:
@@ -158,9 +152,7 @@ def load_descriptors(path: str | Path) -> Descriptors:
     """
     path = Path(path)
     if not path.is_file():
-        raise DescriptorsError(
-            f"there is no descriptor file {readable(path)}; make one with `everplace describe`"
-        )
+        raise DescriptorsError(f"there is no descriptor file {readable(path)}; make one with `everplace describe`")
     try:
         with h5py.File(path, "r") as file:
             return _read(file)
@@ -202,9 +194,9 @@ def _dataset(file: h5py.File, name: str) -> Any:
 def _numbers(dataset: Any, what: str) -> NDArray[Any]:
     """Reads an array, after a look at its type: object types are refused before anything of them is read."""
     if dataset.dtype.kind != "f" or dataset.ndim != 2:
-        raise DescriptorsError(
-            f"`{what}` must be N×D floating-point numbers, not {dataset.dtype} of {dataset.shape}"
-        )
+        raise DescriptorsError(f"`{what}` must be N×D floating-point numbers, not {dataset.dtype} of {dataset.shape}")
+    if dataset.size and not dataset.id.get_storage_size():  # else a file of 1 KB could ask for all memory
+        raise DescriptorsError(f"`{what}` announces the shape {dataset.shape}, but holds no numbers")
     return np.asarray(dataset[:])
 
 
@@ -221,10 +213,16 @@ def _settings(text: str) -> Settings:
     except ValueError as error:
         raise DescriptorsError(f"its attribute `settings` is no JSON ({error})") from error
     if not isinstance(settings, dict) or not all(isinstance(v, str | int | float) for v in settings.values()):
-        raise DescriptorsError(
-            "its attribute `settings` must be a JSON object of texts, numbers, true and false"
-        )
+        raise DescriptorsError("its attribute `settings` must be a JSON object of texts, numbers, true and false")
     return settings
+
+
+def _is_encodable(name: str) -> bool:
+    try:
+        name.encode("utf-8", _BYTES_OF_NAMES)
+    except UnicodeEncodeError:  # half of a surrogate pair
+        return False
+    return True
 
 
 def _version() -> str:

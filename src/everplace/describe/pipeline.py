@@ -1,13 +1,14 @@
 """Runs a method over many images: threads decode ahead while the method describes.
 
-Memory holds the descriptors, two batches of images, and the decoder's own small look-ahead, however long the traverse.
+Memory holds the descriptors, two batches of images and the decoder's own small look-ahead, however long the
+traverse is.
 """
 
 from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from everplace.data.images import decode_images
 from everplace.data.route import Traverse
 from everplace.describe.descriptors import Descriptors
 from everplace.describe.protocol import Describer, ProbabilisticDescriber
-from everplace.errors import DescriptorsError, RouteError
+from everplace.errors import ConfigError, DescriptorsError, RouteError
 from everplace.progress import Progress, quiet
 
 __all__ = ["describe_paths", "describe_traverse", "time_describer"]
@@ -33,9 +34,7 @@ def describe_traverse(
     progress: Progress = quiet,
 ) -> Descriptors:
     """Describes all frames of a traverse, named by their stems; see `describe_paths`."""
-    return describe_paths(
-        describer, traverse.paths, traverse.stems, batch=batch, threads=threads, progress=progress
-    )
+    return describe_paths(describer, traverse.paths, traverse.stems, batch=batch, threads=threads, progress=progress)
 
 
 def describe_paths(
@@ -58,12 +57,15 @@ def describe_paths(
         progress: Shows how many frames are described.
 
     Raises:
+        ConfigError: `batch` is below 1.
         RouteError: There are no images.
         ImageError: An image cannot be decoded; the message names it, and nothing is returned.
         DescriptorsError: The method returned numbers that are not finite, or not one row an image.
     """
     if not paths:
         raise RouteError("there are no images to describe; choose a directory or frames that hold some")
+    if batch < 1:
+        raise ConfigError(f"a batch of {batch} images is not possible; give at least 1")
     if len(paths) != len(names):
         raise DescriptorsError(f"there are {len(paths)} images for {len(names)} names")
     values = np.empty((len(paths), describer.dimension), np.float32)
@@ -73,9 +75,7 @@ def describe_paths(
         values[index] = row
         if variance is not None and row_variance is not None:
             variance[index] = row_variance
-    return Descriptors(
-        values, tuple(names), describer.method, describer.metric, describer.settings(), variance
-    )
+    return Descriptors(values, tuple(names), describer.method, describer.metric, describer.settings(), variance)
 
 
 def time_describer(describer: Describer, paths: Sequence[Path], *, frames: int = 32) -> float:
@@ -95,9 +95,7 @@ def time_describer(describer: Describer, paths: Sequence[Path], *, frames: int =
     """
     images = list(decode_images(paths[:frames], describer.image))
     if not images:
-        raise RouteError(
-            "there are no images to time a method on; choose a directory or frames that hold some"
-        )
+        raise RouteError("there are no images to time a method on; choose a directory or frames that hold some")
     describer.describe(images[0][None])  # the first call also allocates and chooses kernels
     elapsed = []
     for image in images:
@@ -111,12 +109,11 @@ def _described(
     describer: Describer, paths: Sequence[Path], batch: int, threads: int | None
 ) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32] | None]]:
     """Yields the descriptor of every image and its variance, while a thread gathers the next batch."""
-    with contextlib.ExitStack() as stack:
-        images = decode_images(paths, describer.image, threads=threads)
-        if isinstance(images, contextlib.AbstractContextManager):
-            stack.enter_context(images)
-        batches = _batches(images, batch)
-        gather = stack.enter_context(ThreadPoolExecutor(1, "everplace-gather"))
+    images = decode_images(paths, describer.image, threads=threads)
+    with (
+        contextlib.closing(_batches(images, batch)) as batches,
+        ThreadPoolExecutor(1, "everplace-gather") as gather,
+    ):
         upcoming = gather.submit(next, batches, None)
         while (current := upcoming.result()) is not None:
             upcoming = gather.submit(next, batches, None)
@@ -134,15 +131,13 @@ def _rows(
     wanted = (len(images), describer.dimension)
     for array in (values, values if variance is None else variance):
         if array.shape != wanted:
-            raise DescriptorsError(
-                f"{describer.method} returned an array of shape {array.shape}, not {wanted}"
-            )
+            raise DescriptorsError(f"{describer.method} returned an array of shape {array.shape}, not {wanted}")
     for index, row in enumerate(values):
         yield row, None if variance is None else variance[index]
 
 
-def _batches(images: Iterator[NDArray[np.uint8]], size: int) -> Iterator[NDArray[np.uint8]]:
-    """Stacks up to `size` images in a row; an image of another shape (of an ImageSpec without size) starts anew."""
+def _batches(images: Iterator[NDArray[np.uint8]], size: int) -> Generator[NDArray[np.uint8], None, None]:
+    """Stacks up to `size` images in a row; an image of another shape (a spec without size) starts anew."""
     gathered: list[NDArray[np.uint8]] = []
     for image in images:
         if gathered and (len(gathered) == size or image.shape != gathered[0].shape):

@@ -47,7 +47,7 @@ class Describer(Protocol):
     def metric(self) -> Metric: ...  # noqa: D102
 
     def settings(self) -> dict[str, str | int | float | bool]:
-        """Returns all that changes the numbers, and nothing else: descriptors of other settings are not compared."""
+        """Returns what changes the numbers, nothing else: only descriptors of equal settings are compared."""
         ...
 
     def describe(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -66,10 +66,8 @@ class Describer(Protocol):
 class ProbabilisticDescriber(Describer, Protocol):
     """A describer that also knows how sure it is of each value, such as a VAE's posterior."""
 
-    def describe_with_variance(
-        self, images: NDArray[np.uint8]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """As `describe`, but returns B×D values (equal to those of `describe`) and their B×D variances, above 0."""
+    def describe_with_variance(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Returns B×D values, equal to those of `describe`, and their B×D variances, not negative."""
         ...
 
 
@@ -79,7 +77,7 @@ def require_images(images: NDArray[np.uint8], spec: ImageSpec, method: str) -> N
     if images.ndim != 4 or images.dtype != np.uint8 or images.shape[1:] != (*size, spec.channels):
         wanted = "×".join(map(str, (*(spec.size or ("H", "W")), spec.channels)))
         raise MethodError(
-            f"{method} describes uint8 images of shape B×{wanted}, not {images.dtype} of shape {images.shape}; "
+            f"{method} describes uint8 images of shape B×{wanted}, not {images.dtype} of {images.shape}; "
             "decode them with the ImageSpec of the method"
         )
 
@@ -87,6 +85,4 @@ def require_images(images: NDArray[np.uint8], spec: ImageSpec, method: str) -> N
 def require_no_argument(method: str, argument: str) -> None:
     """Raises MethodError if a method that has no options was given an argument."""
     if argument:
-        raise MethodError(
-            f"the method {method!r} takes no argument; write {method} instead of {method}:{argument}"
-        )
+        raise MethodError(f"the method {method!r} takes no argument; write {method} instead of {method}:{argument}")

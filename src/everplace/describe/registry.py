@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import os
 import pkgutil
-from pathlib import Path
 
 from everplace.describe import methods
 from everplace.describe.protocol import Describer
@@ -13,9 +13,7 @@ from everplace.files import readable
 
 __all__ = ["method_names", "open_describer"]
 
-_RUN_METHOD = (
-    "vae"  # opens run directories; has no name of its own, since a trained model is given by its directory
-)
+_RUN_METHOD = "vae"  # opens run directories; has no name of its own, since a trained model is given by its directory
 
 
 def method_names() -> list[str]:
@@ -28,21 +26,21 @@ def open_describer(method: str) -> Describer:
     """Opens a method for describing images.
 
     Args:
-        method: A run directory (it holds config.toml), "name", or "name:argument"; what the argument means is the
-            method's affair.
+        method: A run directory (it holds config.toml), "name", or "name:argument"; what the argument means
+            is the method's affair.
 
     Raises:
         MethodError: There is no such method, or it cannot run here.
         CheckpointError: The run directory is damaged.
     """
-    directory = Path(method)
-    if method and (directory / "config.toml").is_file():
+    # os.path answers False where pathlib raises: a name too long for a path, or with NUL.
+    if method and os.path.isfile(os.path.join(method, "config.toml")):  # noqa: PTH113, PTH118
         return _open(_RUN_METHOD, method)
     name, _, argument = method.partition(":")
     if name in method_names():
         return _open(name, argument)
     choice = f"choose one of {', '.join(method_names())}, or a run directory made by `everplace train`"
-    if method and directory.is_dir():
+    if os.path.isdir(method):  # noqa: PTH112
         raise MethodError(f"{readable(method)} is no run directory, it holds no config.toml; {choice}")
     raise MethodError(f"there is no method or run directory {readable(method)!r}; {choice}")
 

@@ -1,19 +1,20 @@
 """Scores of place recognition, each from its definition: curves, recall@N, average precision.
 
-Every function takes the similarity matrix S (M×N, rows = queries, higher = more alike, any finite or infinite
-number but not NaN) and the truth (M×N bool, same place). Two views of the same matrix are scored, and a number means
+Every function takes the similarity matrix S (M×N, rows = queries, higher = more alike; infinity is a score,
+NaN is not) and the truth (M×N bool, same place). Two views of the same matrix are scored, and a number means
 nothing without its view:
 
 - *best match*: each query proposes its best database frame, and the proposals above a threshold are accepted
   (`precision_recall`, `auc_pr`, `recall_at_100_precision`, `extended_precision`);
 - *all pairs*: every (i, j) is a decision of its own (`average_precision`).
 
-Ties: a query whose best score occurs twice proposes the lower database index, and rank N counts in that order too;
-proposals (or pairs) with equal scores are accepted by the same threshold, so they enter a curve at once. A query
-without a true match still proposes, wrongly, which costs precision; it is in no recall's denominator.
+Ties: a query whose best score occurs twice proposes the lower database index, and recall@N ranks in that
+order too; proposals (or pairs) with equal scores are accepted by the same threshold, so they enter a curve at
+once. A query without a true match still proposes, wrongly, which costs precision; no recall counts it among
+the sought.
 
-Memory: S and truth are read in place, in blocks of rows; beside them stand the scores of the true pairs and blocks
-of about `_BLOCK` elements.
+Memory: S and truth are read in place, in blocks of rows; beside them stand the scores of the true pairs and a
+few blocks of about `_BLOCK` elements.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class PrecisionRecall:
     Attributes:
         recall: T values in [0, 1], not falling: correct proposals / queries that have a true match.
         precision: T values in [0, 1]: correct proposals / proposals.
-        threshold: T distinct scores, falling; point t accepts every proposal that scores at least threshold[t].
+        threshold: T distinct scores, falling; point t accepts the proposals that score at least threshold[t].
     """
 
     recall: NDArray[np.float64]
@@ -56,21 +57,22 @@ class PrecisionRecall:
 
     @property
     def area(self) -> float:
-        """The area under the curve: trapezoids over recall, and the rectangle from recall 0 to the first point."""
+        """The area under it: trapezoids over recall, and the rectangle from recall 0 to the first point."""
         heights = (self.precision[1:] + self.precision[:-1]) / 2
         return float(self.recall[0] * self.precision[0] + np.sum(np.diff(self.recall) * heights))
 
     @property
     def recall_at_100_precision(self) -> float:
-        """The largest recall that is reached without one wrong proposal; 0 if the best-scored one is wrong."""
+        """The largest recall that is reached without a wrong proposal; 0 if the best-scored one is wrong."""
         return float(self.recall[self.precision == 1.0].max(initial=0.0))
 
     @property
     def extended_precision(self) -> float:
         """The mean of the precision at the lowest recall and the recall at 100% precision, in [0, 1].
 
-        EP = (P_R0 + R_P100) / 2 of Ferrarini et al., "Exploring Performance Bounds of Visual Place Recognition
-        Using Extended Precision", IEEE RA-L 2020. The lowest recall is that of the highest threshold.
+        EP = (P_R0 + R_P100) / 2 of Ferrarini et al., "Exploring Performance Bounds of Visual Place
+        Recognition Using Extended Precision", IEEE RA-L 5(2), 2020. The lowest recall is that of the highest
+        threshold.
         """
         return (float(self.precision[0]) + self.recall_at_100_precision) / 2
 
@@ -80,8 +82,8 @@ class Scores:
     """All scores of one query traverse against one database traverse; see the module for their definitions.
 
     Attributes:
-        recall_at: For N = "1", "5", "10": the share of the queries that have a true match for which one is among the
-            N best database frames.
+        recall_at: For N = "1", "5", "10": of the queries that have a true match, the share for which one is
+            among the N best database frames.
         auc_pr: Area under the best-match precision-recall curve.
         average_precision: Average precision over all pairs.
         recall_at_100_precision: Recall of the best-match curve before its first wrong proposal.
@@ -136,9 +138,7 @@ def precision_recall(S: NDArray[Any], truth: NDArray[np.bool_]) -> PrecisionReca
     return _curve(*_checked(S, truth))
 
 
-def recall_at(
-    S: NDArray[Any], truth: NDArray[np.bool_], counts: Sequence[int] = (1, 5, 10)
-) -> dict[str, float]:
+def recall_at(S: NDArray[Any], truth: NDArray[np.bool_], counts: Sequence[int] = (1, 5, 10)) -> dict[str, float]:
     """Returns recall@N for every N in `counts`, by str(N); other arguments and errors as for `evaluate`.
 
     An N beyond the number of database frames counts as all of them.
@@ -150,8 +150,8 @@ def average_precision(S: NDArray[Any], truth: NDArray[np.bool_]) -> float:
     """Returns the average precision over all M·N pairs; arguments and errors as for `evaluate`.
 
     AP = Σ_t (R_t - R_{t-1}) P_t over the distinct scores t, as scikit-learn's `average_precision_score`, but
-    without its sorted copies of all pairs: only a threshold at which a true pair enters adds to the sum, so it
-    is enough to count, block by block, how many pairs score at least as high as each true one.
+    without its sorted copies of all pairs: only a threshold at which a true pair enters adds to the sum, so
+    it is enough to count, block by block, how many pairs score at least as high as each true one.
     """
     return _average_precision(*_checked(S, truth))
 
@@ -163,12 +163,10 @@ def _checked(S: NDArray[Any], truth: NDArray[np.bool_]) -> tuple[NDArray[Any], N
         raise DescriptorsError(f"the similarity matrix must be M×N numbers, not {S.dtype} of shape {S.shape}")
     if truth.shape != S.shape or truth.dtype != np.bool_:
         raise DescriptorsError(
-            f"the truth must be bool of shape {S.shape} as the similarity matrix, not {truth.dtype} of {truth.shape}"
+            f"the truth must be bool of the shape {S.shape} of S, not {truth.dtype} of {truth.shape}"
         )
     if S.size == 0:
-        raise DescriptorsError(
-            f"the similarity matrix of shape {S.shape} is empty; choose at least one frame a side"
-        )
+        raise DescriptorsError(f"the similarity matrix of shape {S.shape} is empty; choose at least one frame a side")
     S = S if S.dtype.kind == "f" else S.astype(np.float64)
     unordered = np.flatnonzero(np.isnan(S.min(axis=1)))  # min hands NaN on, and needs no M×N mask
     if unordered.size:
@@ -215,7 +213,8 @@ def _true_ranks(S: NDArray[Any], truth: NDArray[np.bool_]) -> NDArray[np.int64]:
     equal = best == S
     first = (equal & truth).argmax(axis=1)[:, None]
     ahead = (best < S) | (equal & (np.arange(S.shape[1]) < first))
-    return ahead.sum(axis=1, dtype=np.int64)
+    ranks: NDArray[np.int64] = ahead.sum(axis=1, dtype=np.int64)
+    return ranks
 
 
 def _average_precision(S: NDArray[Any], truth: NDArray[np.bool_]) -> float:

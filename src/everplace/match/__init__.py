@@ -1,1 +1,1 @@
-"""Compares descriptors: similarity, standardisation, sequences, the best matches of each query and their files."""
+"""Compares descriptors: similarity, standardisation, sequences, best matches and the files for them."""

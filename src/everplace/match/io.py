@@ -26,13 +26,14 @@ def write_matches(
     database: Sequence[str],
     indices: NDArray[np.int64],
     scores: NDArray[np.float32],
-    format: MatchFormat = "csv",  # noqa: A002 - the name of the option
+    *,
+    format: MatchFormat = "csv",
 ) -> None:
     """Writes the best matches of every query, whole or not at all.
 
-    "csv" has the columns query, database, score, rank (from 1). "hloc-pairs" is what hloc's matchers read: a line
-    `query database` a match. "kapture" is the pairs file of kapture 1.1: `query, database, score`. Scores are
-    written so that reading them as float32 gives them back exactly.
+    "csv" has the columns query, database, score, rank (from 1). "hloc-pairs" is what hloc's matchers read: a
+    line `query database` a match. "kapture" is the pairs file of kapture 1.1: `query, database, score`.
+    Scores are written so that reading them as float32 gives them back exactly.
 
     Args:
         path: The file.
@@ -89,13 +90,14 @@ def _write_kapture(file: TextIO, matches: Iterator[_Match]) -> None:
     file.write("# kapture format: 1.1\n# query_image, map_image, score\n")
     for query, database, score, _ in matches:
         for name in (query, database):
-            if "," in name or "\n" in name or name != name.strip() or name.startswith("#"):
-                raise _cannot_hold("kapture", name, "a comma, a line break, an outer space or a leading #")
+            if not name or "," in name or "\n" in name or name != name.strip() or name.startswith("#"):
+                raise _cannot_hold(
+                    "kapture", name, "no character, a comma, a line break, an outer space or a leading #"
+                )
         file.write(f"{query}, {database}, {score}\n")
 
 
-def _cannot_hold(format: str, name: str, what: str) -> DescriptorsError:  # noqa: A002
+def _cannot_hold(format: str, name: str, what: str) -> DescriptorsError:
     return DescriptorsError(
-        f"the format {format} cannot hold the name {readable(name)!r}, which has {what}; rename the image or "
-        "write csv"
+        f"the format {format} cannot hold the name {readable(name)!r}, which has {what}; rename the image or write csv"
     )

@@ -54,7 +54,7 @@ def similarity_blocks(
 
 
 def top_k(query: Descriptors, database: Descriptors, k: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Finds the K most similar database frames of every query, exactly, without the M×N matrix.
+    """Finds the K most similar database frames of every query by comparing all, without the M×N matrix.
 
     Args:
         query: M descriptors.
@@ -80,7 +80,7 @@ def top_k(query: Descriptors, database: Descriptors, k: int) -> tuple[NDArray[np
         for start in range(0, len(database), _DATABASE_BLOCK):
             columns = slice(start, min(start + _DATABASE_BLOCK, len(database)))
             best = _largest(np.hstack([best, _ranking_keys(compare(rows, columns), start)]), k)
-        best = -np.sort(-best, axis=1)
+        best = np.sort(best, axis=1)[:, ::-1]
         indices[rows] = _INDEX - (best & _INDEX)
         scores[rows] = _ordered_bits((best >> 32).astype(np.int32)).view(np.float32)
     return indices, scores
@@ -109,8 +109,8 @@ def _comparison(query: Descriptors, database: Descriptors) -> Callable[[slice, s
     _require_comparable(query, database)
     if query.metric == "cosine":
         directions = _directions(query.values), _directions(database.values)
-        return lambda rows, columns: np.clip(directions[0][rows] @ directions[1][columns].T, -1, 1)
-    return lambda rows, columns: -_mean_absolute_difference(query.values[rows], database.values[columns])
+        return lambda rows, columns: _cosine(directions[0][rows], directions[1][columns])
+    return lambda rows, columns: 0 - _mean_absolute_difference(query.values[rows], database.values[columns])
 
 
 def _require_comparable(query: Descriptors, database: Descriptors) -> None:
@@ -133,13 +133,19 @@ def _directions(values: NDArray[np.float32]) -> NDArray[np.float32]:
     # Lengths in double precision: the square of a large or tiny float32 is no float32.
     squares = np.einsum("ij,ij->i", values, values, dtype=np.float64)
     inverse = np.divide(1.0, np.sqrt(squares), out=np.zeros_like(squares), where=squares > 0)
-    return np.multiply(values, inverse[:, None], out=np.empty_like(values), casting="same_kind")
+    directions = np.empty_like(values)
+    np.multiply(values, inverse[:, None], out=directions, casting="same_kind")
+    return directions
 
 
-def _mean_absolute_difference(
-    query: NDArray[np.float32], database: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Compares in tiles that stay in a core's cache; SciPy lets go of the interpreter, so threads share the rows."""
+def _cosine(query: NDArray[np.float32], database: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Multiplies directions; rounding may not lead out of [-1, 1]."""
+    S = query @ database.T
+    return np.clip(S, -1, 1, out=S)
+
+
+def _mean_absolute_difference(query: NDArray[np.float32], database: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Compares in tiles that stay in a core's cache; SciPy frees the interpreter, so threads can share."""
     from scipy.spatial.distance import cdist
 
     result = np.empty((len(query), len(database)), np.float32)

@@ -40,7 +40,7 @@ def standardise(descriptors: Descriptors, how: Standardisation) -> Descriptors:
     """
     if how not in ("centre", "full"):
         raise ConfigError(f"--standardise {how} is not known; choose centre or full")
-    # In double precision the mean of N equal float32 is exact, so a dimension that does not vary is seen as such.
+    # In double precision the mean of N equal float32 is exact, so a dimension that does not vary is seen.
     mean = descriptors.values.mean(axis=0, dtype=np.float64)
     blocks = [slice(start, start + _ROWS) for start in range(0, len(descriptors), _ROWS)]
     scale = np.ones_like(mean)
@@ -54,6 +54,4 @@ def standardise(descriptors: Descriptors, how: Standardisation) -> Descriptors:
     variance = descriptors.variance
     if variance is not None:
         variance = (variance * np.square(scale)).astype(np.float32)
-    return replace(
-        descriptors, values=values, variance=variance, settings={**descriptors.settings, "standardise": how}
-    )
+    return replace(descriptors, values=values, variance=variance, settings={**descriptors.settings, "standardise": how})

@@ -43,7 +43,7 @@ class HOG:
         return {"cell": _CELL[0], "block": _BLOCK[0], "bins": _BINS}
 
     def describe(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Describes B×64×128×1 images by B×3780 values in [0, 1]; a block of 36 has length about 1, or 0 if flat."""
+        """Describes B×64×128×1 images by B×3780 values in [0, 1]; a block of 36 is of length 1, or 0."""
         require_images(images, self.image, self.method)
         values = np.empty((len(images), self.dimension), np.float32)
         for row, image in zip(values, images, strict=True):

@@ -1,7 +1,7 @@
 """SAD: the patch-normalised thumbnail of SeqSLAM, compared by the sum of absolute differences.
 
-Milford and Wyeth, "SeqSLAM: Visual Route-Based Navigation for Sunny Summer Days and Stormy Winter Nights", ICRA
-2012. Frame by frame; SeqSLAM's search for sequences is a separate step (`everplace.match.sequence`).
+Milford and Wyeth, "SeqSLAM: Visual Route-Based Navigation for Sunny Summer Days and Stormy Winter Nights",
+ICRA 2012. Frame by frame; SeqSLAM's search for sequences is a separate step (`everplace.match.sequence`).
 """
 
 from __future__ import annotations
@@ -48,8 +48,9 @@ def open_method(argument: str) -> Describer:
 def normalise_patches(images: NDArray[np.uint8], patch: int) -> NDArray[np.float32]:
     """Gives every patch mean 0 and (population) standard deviation 1; a flat patch becomes 0.
 
-    With n pixels x in a patch, (x - mean) / deviation = (n x - Σx) / √(n Σx² - (Σx)²): only integers before the root,
-    so the result is the same to the last bit in a batch of any size, and a flat patch is recognised exactly.
+    With n pixels x in a patch, (x - mean) / deviation = (n x - Σx) / √(n Σx² - (Σx)²): only integers
+    before the root, so the result is the same to the last bit in a batch of any size, and a flat patch is
+    recognised exactly.
 
     Args:
         images: B×H×W grey values; H and W are multiples of `patch`.
@@ -65,4 +66,5 @@ def normalise_patches(images: NDArray[np.uint8], patch: int) -> NDArray[np.float
     squares = np.square(pixels).sum(axis=(2, 4), keepdims=True, dtype=np.int32)
     spread = n * squares - np.square(total)
     scale = np.sqrt(np.maximum(spread, 1), dtype=np.float32)  # a flat patch is 0 above the line: 0 / 1
-    return np.divide(n * pixels - total, scale, dtype=np.float32).reshape(images.shape)
+    normalised: NDArray[np.float32] = np.divide(n * pixels - total, scale, dtype=np.float32)
+    return normalised.reshape(images.shape)

@@ -1,0 +1,229 @@
+"""Descriptors: what they refuse, and that files give everything back or say what is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from everplace.describe.descriptors import Descriptors, load_descriptors
+from everplace.errors import DescriptorsError, StorageError
+
+VALUES = np.arange(6, dtype=np.float32).reshape(3, 2)
+NAMES = ("a", "Fähre/b", "c")
+
+
+def example(**others: Any) -> Descriptors:
+    fields: dict[str, Any] = {"values": VALUES, "names": NAMES, "method": "test"}
+    return Descriptors(**{**fields, **others})
+
+
+def test_a_file_gives_everything_back(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "d.h5"
+    settings = {"word": "ü", "cell": 8, "rate": 0.1, "on": True}
+    variance = np.full((3, 2), 0.5, np.float32)
+    example(metric="mean-absolute-difference", settings=settings, variance=variance).save(path)
+    read = load_descriptors(path)
+    assert read.values.dtype == np.float32
+    assert (read.values == VALUES).all()
+    assert (read.names, read.method, read.metric) == (NAMES, "test", "mean-absolute-difference")
+    assert read.settings == settings
+    assert read.settings["on"] is True
+    assert read.variance is not None
+    assert (read.variance == variance).all()
+    assert (len(read), read.dimension) == (3, 2)
+
+
+def test_the_file_is_the_one_of_the_contract(tmp_path: Path) -> None:
+    example(settings={"cell": 8}).save(str(tmp_path / "d.h5"))
+    with h5py.File(tmp_path / "d.h5", "r") as file:
+        assert sorted(file) == ["descriptors", "names"]
+        assert file["descriptors"].dtype == np.float32
+        string = h5py.check_string_dtype(file["names"].dtype)
+        assert string is not None
+        assert (string.encoding, string.length) == ("utf-8", None)
+        assert list(file["names"].asstr()) == list(NAMES)
+        assert sorted(file.attrs) == ["everplace_version", "method", "metric", "settings"]
+        assert file.attrs["settings"] == '{"cell": 8}'
+
+
+def test_hlocs_layout_is_a_group_a_name(tmp_path: Path) -> None:
+    example().write_hloc(tmp_path / "d.h5")
+    with h5py.File(tmp_path / "d.h5", "r") as file:
+        for name, row in zip(NAMES, VALUES, strict=True):
+            assert file[name]["global_descriptor"].dtype == np.float32
+            assert file[name]["global_descriptor"][()].tolist() == row.tolist()
+
+
+@pytest.mark.parametrize("name", ["/a", "a/", "a//b", "./a", ".", "global_descriptor/a", "Fähre", "b\udcff"])
+def test_hlocs_layout_refuses_names_that_are_no_group(tmp_path: Path, name: str) -> None:
+    with pytest.raises(DescriptorsError, match="cannot name a group in hloc's layout"):
+        example(names=("a", "Fähre/b", name)).write_hloc(tmp_path / "d.h5")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_names_that_are_not_utf8_keep_their_bytes(tmp_path: Path) -> None:
+    names = ("a", "b\udcff", "c")
+    example(names=names).save(tmp_path / "d.h5")
+    assert load_descriptors(tmp_path / "d.h5").names == names
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("what", ["values", "variance"])
+def test_a_value_that_is_not_finite_names_its_frame(bad: float, what: str) -> None:
+    array = VALUES.copy()
+    array[1, 0] = bad
+    with pytest.raises(DescriptorsError, match="frame 'Fähre/b' holds NaN or infinity"):
+        example(**{what: array})
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"values": VALUES.astype(object)}, "not object"),
+        ({"values": VALUES.astype(np.int64)}, "not int64"),
+        ({"values": VALUES[0]}, r"not of shape \(2,\)"),
+        ({"values": VALUES[:0], "names": ()}, r"at least one frame"),
+        ({"values": VALUES[:, :0]}, r"not of shape \(3, 0\)"),
+        ({"values": VALUES[:2]}, "2 rows of descriptors for 3 names"),
+        ({"values": np.full((3, 2), 1e300)}, "frame 'a' holds NaN or infinity"),
+        ({"names": ("a", "b", "a")}, "'a' occurs twice"),
+        ({"names": ("a", "b", "")}, "cannot name a frame"),
+        ({"names": ("a", "b", "c\0d")}, "cannot name a frame"),
+        ({"names": ("a", "b", "c\ud800")}, "cannot name a frame"),
+        ({"metric": "euclid"}, "cosine, mean-absolute-difference, not 'euclid'"),
+        ({"variance": VALUES[:, :1]}, r"\(3, 1\), not \(3, 2\)"),
+        ({"variance": -VALUES}, "variance of frame 'a' is negative"),
+    ],
+)
+def test_parts_that_do_not_fit_are_refused(fields: dict[str, Any], message: str) -> None:
+    with pytest.raises(DescriptorsError, match=message):
+        example(**fields)
+
+
+def test_float32_is_kept_without_a_copy_and_float64_is_converted() -> None:
+    assert example().values is VALUES
+    converted = example(values=VALUES.astype(np.float64)).values
+    assert converted.dtype == np.float32
+    assert (converted == VALUES).all()
+
+
+def _object(file: h5py.File) -> None:
+    del file["descriptors"]
+    file.create_dataset("descriptors", data=["x", "y"], dtype=h5py.string_dtype())
+
+
+def _integers(file: h5py.File) -> None:
+    del file["descriptors"]
+    file["descriptors"] = VALUES.astype(np.int32)
+
+
+def _one_row(file: h5py.File) -> None:
+    del file["descriptors"]
+    file["descriptors"] = VALUES[0]
+
+
+def _nothing_behind_it(file: h5py.File) -> None:
+    del file["descriptors"]
+    file.create_dataset("descriptors", shape=(1 << 40, 1 << 10), dtype=np.float32, chunks=(1024, 1024))
+
+
+def _group(file: h5py.File) -> None:
+    del file["descriptors"]
+    file.create_group("descriptors")
+
+
+def _no_names(file: h5py.File) -> None:
+    del file["names"]
+
+
+def _number_names(file: h5py.File) -> None:
+    del file["names"]
+    file["names"] = np.arange(3)
+
+
+def _nan(file: h5py.File) -> None:
+    file["descriptors"][1, 0] = np.nan
+
+
+def _method(file: h5py.File) -> None:
+    file.attrs["method"] = 3
+
+
+def _metric(file: h5py.File) -> None:
+    file.attrs["metric"] = "euclid"
+
+
+def _settings(file: h5py.File) -> None:
+    file.attrs["settings"] = "{"
+
+
+def _settings_list(file: h5py.File) -> None:
+    file.attrs["settings"] = "[1]"
+
+
+def _settings_nested(file: h5py.File) -> None:
+    file.attrs["settings"] = '{"a": {}}'
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (_object, "floating-point numbers, not object"),
+        (_integers, "floating-point numbers, not int32"),
+        (_one_row, r"not float32 of \(2,\)"),
+        (_nothing_behind_it, "holds no numbers"),
+        (_group, "no dataset `descriptors`"),
+        (_no_names, "no dataset `names`"),
+        (_number_names, "`names` must be a list of strings"),
+        (_nan, "frame 'Fähre/b' holds NaN"),
+        (_method, "attribute `method` must be text"),
+        (_metric, "not 'euclid'"),
+        (_settings, "`settings` is no JSON"),
+        (_settings_list, "`settings` must be a JSON object"),
+        (_settings_nested, "`settings` must be a JSON object"),
+    ],
+)
+def test_a_malformed_file_is_named_with_its_fault(
+    tmp_path: Path, damage: Callable[[h5py.File], None], message: str
+) -> None:
+    path = tmp_path / "d.h5"
+    example().save(path)
+    with h5py.File(path, "r+") as file:
+        damage(file)
+    with pytest.raises(DescriptorsError, match=rf"d\.h5.*{message}"):
+        load_descriptors(path)
+
+
+def test_a_file_that_is_missing_cut_short_or_no_hdf5_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "d.h5"
+    with pytest.raises(DescriptorsError, match=r"there is no descriptor file .*d\.h5"):
+        load_descriptors(path)
+    with pytest.raises(DescriptorsError, match="there is no descriptor file"):
+        load_descriptors(tmp_path)
+    example().save(path)
+    whole = path.read_bytes()
+    for content in (b"", b"PK\x03\x04", whole[: len(whole) // 2]):
+        path.write_bytes(content)
+        with pytest.raises(DescriptorsError, match=r"d\.h5 is no readable HDF5 file"):
+            load_descriptors(path)
+
+
+def test_a_file_from_elsewhere_needs_values_and_names_only(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "d.h5", "w") as file:
+        file["descriptors"] = VALUES.astype(np.float16)
+        file["names"] = np.array([b"a", b"b", b"c"])
+    read = load_descriptors(tmp_path / "d.h5")
+    assert (read.names, read.method, read.metric, read.settings) == (("a", "b", "c"), "unknown", "cosine", {})
+    assert read.values.dtype == np.float32
+
+
+def test_a_write_that_fails_leaves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(StorageError):
+        example().save(tmp_path / "file" / "d.h5")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

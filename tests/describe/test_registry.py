@@ -1,0 +1,56 @@
+"""The registry finds methods by their file and says what there is."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from everplace.describe import methods
+from everplace.describe.registry import method_names, open_describer
+from everplace.errors import MethodError
+
+
+def test_methods_open_by_name() -> None:
+    names = method_names()
+    assert names == sorted(names)
+    assert {"hog", "sad"} <= set(names)
+    assert "vae" not in names  # a trained model is given by its run directory
+    for name in ("hog", "sad"):
+        assert open_describer(name).method == name
+
+
+def test_a_new_file_is_a_new_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "echo.py").write_text("def open_method(argument):\n    return argument\n")
+    (tmp_path / "_helper.py").write_text("")
+    monkeypatch.setattr(methods, "__path__", [*methods.__path__, str(tmp_path)])
+    assert "echo" in method_names()
+    assert "_helper" not in method_names()
+    assert open_describer("echo:https://host/a:b") == "https://host/a:b"  # type: ignore[comparison-overlap]
+    del sys.modules["everplace.describe.methods.echo"]
+
+
+def test_a_run_directory_is_opened_as_a_trained_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fake = SimpleNamespace(open_method=lambda argument: ("run", argument))
+    monkeypatch.setitem(sys.modules, "everplace.describe.methods.vae", fake)
+    (tmp_path / "config.toml").touch()
+    assert open_describer(str(tmp_path)) == ("run", str(tmp_path))  # type: ignore[comparison-overlap]
+
+
+@pytest.mark.parametrize("method", ["nothing", "", "vae", "HOG", "_x", "hog/..", "a\0b", "x" * 5000, "../sad"])
+def test_an_unknown_method_is_refused_with_what_there_is(method: str) -> None:
+    with pytest.raises(MethodError, match=r"there is no method .* hog, .*sad.* run directory"):
+        open_describer(method)
+
+
+def test_a_directory_that_is_no_run_is_named(tmp_path: Path) -> None:
+    with pytest.raises(MethodError, match=r"holds no config\.toml; choose one of"):
+        open_describer(str(tmp_path))
+
+
+@pytest.mark.parametrize("name", ["hog", "sad"])
+def test_a_method_without_options_refuses_an_argument(name: str) -> None:
+    with pytest.raises(MethodError, match=f"write {name} instead of {name}:fast"):
+        open_describer(f"{name}:fast")

@@ -1,0 +1,58 @@
+"""Sequence averaging against the formula in plain Python."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+
+from everplace.errors import ConfigError
+from everplace.match.sequence import average_sequences
+
+
+def slow(S: NDArray[np.float64], length: int) -> NDArray[np.float64]:
+    out = np.empty_like(S)
+    for i in range(S.shape[0]):
+        for j in range(S.shape[1]):
+            steps = range(min(length - 1, i, j) + 1)
+            out[i, j] = sum(S[i - k, j - k] for k in steps) / len(steps)
+    return out
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    arrays(np.float64, st.tuples(st.integers(1, 6), st.integers(1, 6)), elements=st.integers(-9, 9).map(float)),
+    st.integers(1, 8),
+)
+def test_it_is_the_mean_along_the_diagonal(S: NDArray[np.float64], length: int) -> None:
+    kept = S.copy()
+    assert np.allclose(average_sequences(S, length), slow(S, length))
+    assert (kept == S).all()
+
+
+def test_it_is_causal() -> None:
+    S = np.random.default_rng(0).random((8, 8))
+    later = S.copy()
+    later[5:] = 0
+    assert (average_sequences(S, 3)[:5] == average_sequences(later, 3)[:5]).all()
+
+
+def test_length_1_is_a_copy() -> None:
+    S = np.ones((2, 3), np.float32)
+    out = average_sequences(S, 1)
+    out[0, 0] = 7
+    assert out.dtype == np.float32
+    assert S[0, 0] == 1
+
+
+def test_integers_are_averaged_as_numbers() -> None:
+    assert average_sequences(np.array([[1, 0], [0, 2]]), 2).tolist() == [[1, 0], [0, 1.5]]
+
+
+@pytest.mark.parametrize("length", [0, -3])
+def test_a_length_below_1_is_refused(length: int) -> None:
+    with pytest.raises(ConfigError, match=f"--sequence {length} "):
+        average_sequences(np.ones((2, 2)), length)

@@ -1,0 +1,66 @@
+"""Standardisation against the formula, and where there is nothing to divide by."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from everplace.describe.descriptors import Descriptors
+from everplace.errors import ConfigError
+from everplace.match import standardise as module
+from everplace.match.standardise import standardise
+
+
+def descriptors(values: NDArray[Any], **others: Any) -> Descriptors:
+    names = tuple(str(i) for i in range(len(values)))
+    return Descriptors(values.astype(np.float32), names, "test", **others)
+
+
+def test_centre_and_full_are_the_formulas() -> None:
+    values = np.random.default_rng(0).normal(5, 3, (50, 4)).astype(np.float32)
+    d = descriptors(values, settings={"cell": 8})
+    centred, full = standardise(d, "centre"), standardise(d, "full")
+    assert np.allclose(centred.values, values - values.mean(axis=0), atol=1e-5)
+    assert np.allclose(full.values, (values - values.mean(axis=0)) / values.std(axis=0), atol=1e-5)
+    assert centred.settings == {"cell": 8, "standardise": "centre"}
+    assert full.settings == {"cell": 8, "standardise": "full"}
+    assert (d.values == values).all()
+    assert d.settings == {"cell": 8}
+
+
+def test_a_dimension_that_does_not_vary_becomes_zero() -> None:
+    values = np.full((1000, 3), 0.1, np.float32)
+    values[:, 1] = np.arange(1000)
+    full = standardise(descriptors(values), "full").values
+    assert (full[:, [0, 2]] == 0).all()
+    assert full[:, 1].std() == pytest.approx(1, abs=1e-5)
+
+
+@pytest.mark.parametrize("how", ["centre", "full"])
+def test_one_frame_becomes_zero(how: Any) -> None:
+    assert standardise(descriptors(np.array([[1.5, -2.0]])), how).values.tolist() == [[0, 0]]
+
+
+def test_a_variance_is_scaled_along() -> None:
+    values = np.array([[0.0, 1.0], [4.0, 1.0]])
+    d = descriptors(values, variance=np.full((2, 2), 3, np.float32))
+    centred, full = standardise(d, "centre"), standardise(d, "full")
+    assert centred.variance is not None
+    assert full.variance is not None
+    assert centred.variance.tolist() == [[3, 3], [3, 3]]
+    assert full.variance.tolist() == [[0.75, 3], [0.75, 3]]
+
+
+def test_blocks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    d = descriptors(np.random.default_rng(0).random((23, 3)))
+    whole = standardise(d, "full").values
+    monkeypatch.setattr(module, "_ROWS", 5)
+    assert np.allclose(standardise(d, "full").values, whole, rtol=1e-6)
+
+
+def test_another_word_is_refused() -> None:
+    with pytest.raises(ConfigError, match="--standardise center is not known; choose centre or full"):
+        standardise(descriptors(np.ones((2, 2))), "center")  # type: ignore[arg-type]
