@@ -54,15 +54,8 @@ def draw_image_grid(
     Raises:
         ImageError: There is no image, or rows or labels differ in length.
     """
-    columns = len(images[0]) if images else 0
-    first = next((image for image in itertools.chain.from_iterable(images) if image is not None), None)
-    if first is None or any(len(row) != columns for row in images):
-        raise ImageError("cannot draw a grid of images; give at least one image, and rows of equal length")
-    for labels, wanted in ((row_labels, len(images)), (column_labels, columns)):
-        if labels and len(labels) != wanted:
-            raise ImageError(
-                f"cannot label {wanted} rows or columns with {len(labels)} texts; give one text each"
-            )
+    first = _first_image(images, row_labels, column_labels)
+    columns = len(images[0])
     width = float(figure.get_figwidth())
     left = _EDGE + _label_width(row_labels, width)
     top = _EDGE + (_TITLE if title else 0.0) + (_LABEL if column_labels else 0.0)
@@ -73,40 +66,18 @@ def draw_image_grid(
     axes = inch_axes(figure, top + len(images) * (height + _GAP) - _GAP + wide_y + _EDGE)
     xs = [left + column * (cell + _GAP) + (wide_x if column else 0.0) for column in range(columns)]
     ys = [top + row * (height + _GAP) + (wide_y if row else 0.0) for row in range(len(images))]
-    if title:
-        place_text(axes, title, _EDGE, _EDGE, width=width, size=10.0, va="top")
+    _write_title(axes, title)
     for x, label in zip(xs, column_labels, strict=False):
-        place_text(
-            axes,
-            label,
-            x + cell / 2,
-            top - 0.04,
-            width=cell,
-            size=_SIZE,
-            ha="center",
-            va="bottom",
-            color=MUTED,
-        )
+        _label_above(axes, label, Cell(x, top, cell, height))
     for y, label in zip(ys, row_labels, strict=False):
-        place_text(
-            axes,
-            label,
-            left - 0.08,
-            y + height / 2,
-            width=left - _EDGE,
-            size=_SIZE,
-            ha="right",
-            va="center",
-            color=MUTED,
-        )
+        _label_left(axes, label, Cell(left, y, cell, height))
     for y, row in zip(ys, images, strict=True):
         for x, image in zip(xs, row, strict=True):
             if image is not None:
                 place_image(axes, image, Cell(x, y, cell, height))
     if corner and images[0][0] is None:
-        axes.text(
-            xs[0] + cell / 2, ys[0] + height / 2, corner, fontsize=_SIZE, ha="center", va="center", color=INK
-        )
+        centre = (xs[0] + cell / 2, ys[0] + height / 2)
+        axes.text(*centre, corner, fontsize=_SIZE, ha="center", va="center", color=INK)
     return axes
 
 
@@ -198,38 +169,17 @@ def draw_constant_grid(
     lines = [range(start, min(start + columns, N)) for start in range(0, N, columns)]
     top = _EDGE + (_TITLE if title else 0.0)
     axes = inch_axes(figure, top + len(lines) * (pair + 2 * _HEADER_GAP) - 2 * _HEADER_GAP + _EDGE)
-    if title:
-        place_text(axes, title, _EDGE, _EDGE, width=width, size=10.0, va="top")
+    _write_title(axes, title)
     for number, line in enumerate(lines):
         y = top + number * (pair + 2 * _HEADER_GAP) + above
         for row, images in enumerate((originals, invariant)):
-            down = y + row * (height + _GAP)
-            place_text(
-                axes,
-                _PAIR[row],
-                left - 0.08,
-                down + height / 2,
-                width=left,
-                size=_SIZE,
-                ha="right",
-                va="center",
-                color=MUTED,
-            )
+            first = Cell(left, y + row * (height + _GAP), cell, height)
+            _label_left(axes, _PAIR[row], first)
             for column, index in enumerate(line):
-                place_image(axes, images[index], Cell(left + column * (cell + _GAP), down, cell, height))
-        for column, index in enumerate(line if labels else ()):
-            x = left + column * (cell + _GAP) + cell / 2
-            place_text(
-                axes,
-                labels[index],
-                x,
-                y - 0.04,
-                width=cell,
-                size=_SIZE,
-                ha="center",
-                va="bottom",
-                color=MUTED,
-            )
+                here = first._replace(x=left + column * (cell + _GAP))
+                place_image(axes, images[index], here)
+                if labels and row == 0:
+                    _label_above(axes, labels[index], here)
     return axes
 
 
@@ -240,3 +190,34 @@ def _label_width(labels: Sequence[str], width: float) -> float:
     """The room that labels at the left need, in inches: at most a fifth of the figure."""
     longest = max((len(label) for label in labels), default=0)
     return min(longest * 0.6 * _SIZE / 72.0 + 0.1, width / 5) if longest else 0.0
+
+
+def _first_image(
+    images: Sequence[Sequence[Image | None]], row_labels: Sequence[str], column_labels: Sequence[str]
+) -> Image:
+    """Finds the image that gives all cells their shape, once rows and labels are known to fit."""
+    columns = len(images[0]) if images else 0
+    first = next((image for image in itertools.chain.from_iterable(images) if image is not None), None)
+    if first is None or any(len(row) != columns for row in images):
+        raise ImageError("cannot draw a grid of images; give at least one image, and rows of equal length")
+    for labels, wanted in ((row_labels, len(images)), (column_labels, columns)):
+        if labels and len(labels) != wanted:
+            raise ImageError(
+                f"cannot label {wanted} rows or columns with {len(labels)} texts; give one text each"
+            )
+    return first
+
+
+def _write_title(axes: Axes, title: str) -> None:
+    if title:
+        place_text(axes, title, _EDGE, _EDGE, width=axes.get_xlim()[1] - 2 * _EDGE, size=10.0, va="top")
+
+
+def _label_above(axes: Axes, label: str, cell: Cell) -> None:
+    look = {"ha": "center", "va": "bottom", "color": MUTED}
+    place_text(axes, label, cell.x + cell.width / 2, cell.y - 0.04, width=cell.width, size=_SIZE, **look)
+
+
+def _label_left(axes: Axes, label: str, cell: Cell) -> None:
+    look = {"ha": "right", "va": "center", "color": MUTED}
+    place_text(axes, label, cell.x - 0.08, cell.y + cell.height / 2, width=cell.x - _EDGE, size=_SIZE, **look)

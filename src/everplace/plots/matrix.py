@@ -83,16 +83,7 @@ def draw_similarity(
         side.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     if title:
         write_plainly(axes.set_title(title, fontsize=10.0))
-    marks: dict[str, Artist] = {}
-    if truth is not None:
-        marks["true place"] = _draw_truth(axes, truth)
-    if best:
-        marks |= _draw_best(axes, scores, truth)
-    if marks:
-        set_legend(
-            axes, list(marks.values()), list(marks), ncols=len(marks), frameon=True, **_OUTSIDE,
-            loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0,
-        )  # fmt: skip
+    _draw_marks(axes, scores, truth, best=best)
     return image
 
 
@@ -124,6 +115,20 @@ def _averaged(scores: NDArray[Any]) -> tuple[NDArray[Any], tuple[int, int]]:
             sums = np.add.reduceat(scores, starts, axis=axis)
             scores = sums / np.expand_dims(sizes, 1 - axis).astype(sums.dtype)
     return scores, steps
+
+
+def _draw_marks(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_] | None, *, best: bool) -> None:
+    """Marks truth and best matches, and explains the marks below the matrix."""
+    marks: dict[str, Artist] = {}
+    if truth is not None:
+        marks["true place"] = _draw_truth(axes, truth)
+    if best:
+        marks |= _draw_best(axes, scores, truth)
+    if marks:
+        set_legend(
+            axes, list(marks.values()), list(marks), ncols=len(marks), frameon=True, **_OUTSIDE,
+            loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0,
+        )  # fmt: skip
 
 
 def _draw_truth(axes: Axes, truth: NDArray[np.bool_]) -> Artist:
