@@ -80,11 +80,10 @@ def augment(
         )
         result = np.asarray(warped, dtype=np.uint8)
     if augmentation.brightness or augmentation.contrast:
-        result = _tone(
-            image=result,
-            brightness=augmentation.brightness * (2 * brighter - 1),
-            contrast=augmentation.contrast * (2 * stronger - 1),
-        )
+        gain = 1.0 + augmentation.contrast * (2.0 * stronger - 1.0)
+        offset = 127.5 * (1.0 - gain) + 255.0 * augmentation.brightness * (2.0 * brighter - 1.0)
+        # Not convertScaleAbs, which would turn what falls below black bright again.
+        result = np.asarray(cv2.addWeighted(result, gain, result, 0.0, offset), dtype=np.uint8)
     if augmentation.blur:
         result = np.asarray(
             cv2.GaussianBlur(result, (0, 0), max(augmentation.blur * sigma, 1e-3)), dtype=np.uint8
@@ -96,12 +95,3 @@ def _whole_shift(largest: float, draw: float) -> int:
     """Turns a number in [0, 1) into whole pixels, all from -largest to largest equally likely."""
     pixels = int(largest)
     return int(draw * (2 * pixels + 1)) - pixels
-
-
-def _tone(image: NDArray[np.uint8], brightness: float, contrast: float) -> NDArray[np.uint8]:
-    """Stretches grey values about the middle, then adds a fraction of the range."""
-    table = (_GREY_VALUES - 127.5) * (1.0 + contrast) + (127.5 + 255.0 * brightness + 0.5)
-    return np.asarray(cv2.LUT(image, np.clip(table, 0, 255).astype(np.uint8)), dtype=np.uint8)
-
-
-_GREY_VALUES = np.arange(256, dtype=np.float64)

@@ -61,7 +61,10 @@ def test_a_pattern_chooses_files_of_any_ending(tmp_path: Path) -> None:
     [
         ([], "holds no traverse; make one sub-directory"),
         (["readme.txt"], "holds no traverse"),
-        (["1.png", "2.png"], "holds images itself, so it is a single traverse and not a route; give the directory above"),
+        (
+            ["1.png", "2.png"],
+            "holds images itself, so it is a single traverse and not a route; give the directory above",
+        ),
         (["a/1.png", "b/notes.txt"], r"traverse .*/b is empty: no file in it ends in \.bmp.*`ignore` in route\.toml"),
     ],
 )
