@@ -1,0 +1,1 @@
+"""Whole studies made of the rooms below: one evaluation, a comparison of methods, the demo."""

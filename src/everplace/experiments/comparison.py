@@ -1,0 +1,231 @@
+"""Several methods on all ordered pairs of conditions, with one report."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from everplace.data.route import Route
+from everplace.describe.descriptors import Descriptors
+from everplace.describe.methods.vae import VAEDescriber
+from everplace.describe.protocol import Describer
+from everplace.errors import RouteError
+from everplace.evaluate.audit import Audit
+from everplace.experiments.evaluation import audit_pair, audit_section, model_section
+from everplace.experiments.pictures import match_figure, matrix_figure
+from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, retrieve, true_matches
+from everplace.files import write_text
+from everplace.plots.canvas import new_figure, save_figure
+from everplace.plots.curves import draw_precision_recall_panels
+from everplace.plots.interactive import precision_recall_figure
+from everplace.progress import Progress, quiet
+from everplace.report.html import Report
+
+__all__ = ["Comparison", "compare_methods", "write_comparison"]
+
+_SCORES = ("recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP")
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Results of several methods on one route.
+
+    Attributes:
+        route: The traverses, after selection.
+        truth: When a match is right.
+        matching: Options of the match.
+        results: By (query, database) traverse name, then by the label of the method.
+        audits: By label, for methods of the VAE family.
+        describers: By label.
+        left_out: Methods that could not run, with the reason.
+    """
+
+    route: Route
+    truth: Truth
+    matching: Matching
+    results: dict[tuple[str, str], dict[str, Retrieval]]
+    audits: dict[str, Audit]
+    describers: dict[str, Describer]
+    left_out: dict[str, str] = field(default_factory=dict)
+
+    def metrics(self) -> dict[str, Any]:
+        """The content of metrics.json."""
+        return {
+            "route": self.route.name,
+            "places": len(self.route.traverses[0]),
+            "tolerance": self.truth.tolerance,
+            "radius": self.truth.radius,
+            "standardise": self.matching.standardise,
+            "sequence": self.matching.sequence,
+            "pairs": [
+                {
+                    "query": query,
+                    "database": database,
+                    "methods": {
+                        label: {
+                            **one.scores.to_dict(),
+                            "dimension": one.dimension,
+                            "ms_per_image": round(one.ms_per_image, 4),
+                        }
+                        for label, one in results.items()
+                    },
+                }
+                for (query, database), results in self.results.items()
+            ],
+            "mean_auc_pr": {label: self.mean_auc_pr(label) for label in self.describers},
+            "audit": {label: one.to_dict() for label, one in self.audits.items()},
+            "left_out": self.left_out,
+        }
+
+    def mean_auc_pr(self, label: str) -> float:
+        """Mean of a method's auc_pr over the pairs."""
+        return float(np.mean([results[label].scores.auc_pr for results in self.results.values()]))
+
+    def table(self, pair: tuple[str, str]) -> tuple[list[str], list[list[str | float | int | None]]]:
+        """Header and rows of one pair's scores."""
+        header = ["method", *_SCORES, "dimension", "ms/image"]
+        rows: list[list[str | float | int | None]] = []
+        for label, one in self.results[pair].items():
+            s = one.scores
+            rows.append(
+                [
+                    label, s.recall_at["1"], s.recall_at["5"], s.recall_at["10"], s.auc_pr, s.average_precision,
+                    s.recall_at_100_precision, s.extended_precision, one.dimension, one.ms_per_image,
+                ]
+            )  # fmt: skip
+        return header, rows
+
+
+def compare_methods(
+    route: Route,
+    describers: dict[str, Describer],
+    *,
+    truth: Truth,
+    matching: Matching,
+    left_out: dict[str, str] | None = None,
+    progress: Progress = quiet,
+) -> Comparison:
+    """Runs every method on every ordered pair of traverses.
+
+    Args:
+        route: The traverses, after selection.
+        describers: The methods by label.
+        truth: When a match is right.
+        matching: Options of the match.
+        left_out: Methods that could not be opened, with the reason, for the report.
+        progress: Told of the describing.
+
+    Raises:
+        RouteError: There is only one traverse.
+    """
+    if len(route.traverses) < 2:
+        raise RouteError(f"a comparison needs two traverses, but {route.name} has one; add another or choose both")
+    results: dict[tuple[str, str], dict[str, Retrieval]] = {}
+    described: dict[str, dict[str, Descriptors]] = {label: {} for label in describers}
+    resolved = truth
+    for query, database in permutations(route.traverses, 2):
+        pair = Pair(query, database)
+        matches, resolved = true_matches(route, pair, truth)
+        results[query.name, database.name] = {
+            label: retrieve(describer, pair, matches, matching, described=described[label], progress=progress)
+            for label, describer in describers.items()
+        }
+    audits = {label: audit_pair(describer, route, resolved, progress) for label, describer in describers.items()}
+    known = {label: one for label, one in audits.items() if one is not None}
+    return Comparison(route, resolved, matching, results, known, describers, left_out or {})
+
+
+def write_comparison(comparison: Comparison, out: Path, *, title: str, details: dict[str, str]) -> Report:
+    """Writes metrics.json, table.md, pr_curves.png and report.html into a directory.
+
+    Returns:
+        The report as written, so that a caller may add sections and write it again.
+
+    Raises:
+        StorageError: Writing failed.
+    """
+    route = comparison.route
+    subtitle = f"{route.name}: {len(route.traverses[0])} places, {comparison.truth}, match {comparison.matching}"
+    report = Report(title, subtitle=subtitle, details=details)
+    _summary(report, comparison)
+    for pair, results in comparison.results.items():
+        _pair_section(report, comparison, pair, results)
+    if comparison.audits:
+        audit_section(report.section("Leakage audit"), comparison.audits)
+    for label, describer in comparison.describers.items():
+        if isinstance(describer, VAEDescriber) and route.aligned:
+            (out / label).mkdir(parents=True, exist_ok=True)
+            model_section(report.section(f"What the latent of {label} holds"), describer, route, out / label)
+    panels = {
+        pair: {label: one.curve for label, one in results.items()} for pair, results in comparison.results.items()
+    }
+    figure = new_figure()
+    draw_precision_recall_panels(figure, panels)
+    save_figure(figure, out / "pr_curves.png")
+    write_text(out / "table.md", _markdown(comparison))
+    write_text(out / "metrics.json", json.dumps(comparison.metrics(), indent=2) + "\n")
+    report.write(out / "report.html")
+    return report
+
+
+def _summary(report: Report, comparison: Comparison) -> None:
+    section = report.section("Summary")
+    rows: list[list[str | float | int | None]] = [
+        [label, comparison.mean_auc_pr(label), _mean_recall(comparison, label)] for label in comparison.describers
+    ]
+    section.table(
+        ["method", "auc_pr", "recall@1"],
+        rows,
+        caption="Means over all ordered pairs of conditions.",
+        best={"auc_pr": "highest", "recall@1": "highest"},
+    )
+    for method, reason in comparison.left_out.items():
+        section.paragraph(f"{method} was left out: {reason}")
+
+
+def _pair_section(
+    report: Report, comparison: Comparison, names: tuple[str, str], results: dict[str, Retrieval]
+) -> None:
+    query, database = names
+    pair = Pair(comparison.route[query], comparison.route[database])
+    section = report.section(f"{query} against {database}")
+    areas = {label: one.scores.auc_pr for label, one in results.items()}
+    section.chart(
+        precision_recall_figure({label: one.curve for label, one in results.items()}, areas=areas),
+        alt="Precision-recall curves: " + ", ".join(f"{label} {area:.3f}" for label, area in areas.items()) + ".",
+        caption="Best match of each query; the legend gives the area under the curve.",
+    )
+    header, rows = comparison.table(names)
+    section.table(header, rows, best=dict.fromkeys(_SCORES, "highest"))
+    best = max(areas, key=lambda label: areas[label])
+    section.figure(
+        matrix_figure(pair, results[best], title=best), alt=f"Similarity matrix of {best}.", caption="Similarity matrix"
+    )
+    section.figure(
+        match_figure(pair, results[best], title=best), alt=f"Matches of {best}.", caption="Right and wrong matches"
+    )
+
+
+def _mean_recall(comparison: Comparison, label: str) -> float:
+    return float(np.mean([results[label].scores.recall_at["1"] for results in comparison.results.values()]))
+
+
+def _markdown(comparison: Comparison) -> str:
+    lines = [f"{comparison.route.name}, {comparison.truth}, match {comparison.matching}", ""]
+    for query, database in comparison.results:
+        header, rows = comparison.table((query, database))
+        lines += [f"**{query} against {database}**", "", "| " + " | ".join(header) + " |"]
+        lines += ["|" + "---|" * len(header)]
+        lines += ["| " + " | ".join(_cell(value) for value in row) + " |" for row in rows]
+        lines += [""]
+    lines += [f"{method} was left out: {reason}" for method, reason in comparison.left_out.items()]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _cell(value: str | float | None) -> str:
+    return f"{value:.3f}" if isinstance(value, float) else str(value)

@@ -1,0 +1,73 @@
+"""`everplace demo`: a rendered route, two models, four methods, one report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from everplace.data.render.config import render_config
+from everplace.data.render.route import render_route
+from everplace.data.route import open_route
+from everplace.data.selection import Selection, parse_frames, select
+from everplace.describe.protocol import Describer
+from everplace.describe.registry import open_describer
+from everplace.experiments.comparison import compare_methods, write_comparison
+from everplace.experiments.retrieval import Matching, Truth
+from everplace.model.config import ModelKind
+from everplace.plots.canvas import new_figure
+from everplace.plots.training import draw_training
+from everplace.progress import Progress, quiet
+from everplace.training.config import TrainConfig
+from everplace.training.fit import train
+from everplace.training.metrics import read_metrics
+
+__all__ = ["run_demo"]
+
+PLACES = 420
+TRAINED = "0:300"
+TESTED = "320:"
+EPOCHS = 24
+SIZE = (32, 64)
+MODELS: tuple[ModelKind, ...] = ("c-vae", "cp-vae")
+
+
+def run_demo(out: Path, *, details: dict[str, str], progress: Progress = quiet, show: bool = False) -> dict[str, Any]:
+    """Renders a route in summer and winter, trains C-VAE and CP-VAE, and compares them with SAD and HOG.
+
+    Args:
+        out: The directory to fill; what an earlier demo left there is used or replaced.
+        details: Command and version, for the head of the report.
+        progress: Told of rendering and describing.
+        show: Show the training on stderr.
+
+    Returns:
+        The content of metrics.json.
+
+    Raises:
+        StorageError: `out` cannot be written to.
+    """
+    route_directory = out / "route"
+    if not route_directory.exists():
+        config = render_config({"places": PLACES, "size": SIZE, "conditions": ("summer", "winter")})
+        render_route(route_directory, config, progress=progress)
+    route = open_route(route_directory)
+    describers: dict[str, Describer] = {}
+    curves = {}
+    for kind in MODELS:
+        run = out / "runs" / kind
+        config_ = TrainConfig.build(model=kind, frames=TRAINED, image_size=SIZE, epochs=EPOCHS)
+        train(route, config_, run, resume=True, progress=progress, show=show)
+        describers[kind] = open_describer(str(run))
+        curves[kind] = read_metrics(run)
+    describers |= {name: open_describer(name) for name in ("sad", "hog")}
+    tested = select(route, Selection(parse_frames(TESTED)), progress)
+    comparison = compare_methods(tested, describers, truth=Truth(), matching=Matching(), progress=progress)
+    report = write_comparison(
+        comparison, out, title="everplace demo: a rendered route, summer and winter", details=details
+    )
+    for kind, metrics in curves.items():
+        figure = new_figure(10)
+        draw_training(figure, metrics)
+        report.section(f"Training of {kind}").figure(figure, alt=f"Terms of the bound of {kind} over the epochs.")
+    report.write(out / "report.html")
+    return comparison.metrics()

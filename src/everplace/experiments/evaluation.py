@@ -1,0 +1,200 @@
+"""`everplace evaluate`: one method on one pair of conditions, with its report."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from everplace.data.images import ImageSpec
+from everplace.data.pack import pack
+from everplace.data.route import Route
+from everplace.data.selection import Selection
+from everplace.describe.methods.vae import VAEDescriber
+from everplace.describe.registry import open_describer
+from everplace.evaluate.audit import Audit, audit
+from everplace.experiments.pictures import constant_figure, match_figure, matrix_figure, swap_figure
+from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, choose_pair, retrieve, true_matches
+from everplace.files import write_text
+from everplace.plots.canvas import save_figure
+from everplace.plots.interactive import precision_recall_figure
+from everplace.progress import Progress, quiet
+from everplace.report.html import Report, Section
+
+__all__ = [
+    "Evaluation",
+    "audit_pair",
+    "audit_section",
+    "evaluate_method",
+    "model_section",
+    "score_facts",
+    "write_evaluation",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """One method on one pair.
+
+    Attributes:
+        route: The two traverses.
+        pair: The same as query and database.
+        truth: When a match is right.
+        matching: Options of the match.
+        result: Scores, curve and similarity.
+        audit: The leakage audit; None unless the method is of the VAE family and the traverses are aligned.
+        describer: The method.
+    """
+
+    route: Route
+    pair: Pair
+    truth: Truth
+    matching: Matching
+    result: Retrieval
+    audit: Audit | None
+    describer: object
+
+    def metrics(self) -> dict[str, Any]:
+        """The content of metrics.json."""
+        scores = self.result.scores.to_dict()
+        return {
+            "method": self.result.method,
+            "query_condition": self.pair.query.name,
+            "database_condition": self.pair.database.name,
+            **scores,
+            "tolerance": self.truth.tolerance,
+            "radius": self.truth.radius,
+            "standardise": self.matching.standardise,
+            "sequence": self.matching.sequence,
+            "dimension": self.result.dimension,
+            "ms_per_image": round(self.result.ms_per_image, 4),
+            **({"audit": self.audit.to_dict()} if self.audit is not None else {}),
+        }
+
+
+def evaluate_method(
+    route: Route,
+    method: str,
+    *,
+    query: str,
+    database: str,
+    selection: Selection,
+    truth: Truth,
+    matching: Matching,
+    progress: Progress = quiet,
+) -> Evaluation:
+    """Evaluates a method between two conditions.
+
+    Raises:
+        RouteError: A condition does not exist, or nothing is left of the route.
+        MethodError: The method does not exist or cannot run here.
+        CheckpointError: The run directory is damaged.
+        ImageError: A frame cannot be decoded.
+    """
+    describer = open_describer(method)
+    chosen, pair = choose_pair(route, query, database, selection, progress)
+    matches, truth = true_matches(chosen, pair, truth)
+    result = retrieve(describer, pair, matches, matching, progress=progress)
+    audited = audit_pair(describer, chosen, truth, progress)
+    return Evaluation(chosen, pair, truth, matching, result, audited, describer)
+
+
+def audit_pair(describer: object, route: Route, truth: Truth, progress: Progress = quiet) -> Audit | None:
+    """The leakage audit on all traverses of a route; None where it has no meaning."""
+    few = len(route.traverses) < 2 or len(route.traverses[0]) < 4
+    if not isinstance(describer, VAEDescriber) or not route.aligned or few:
+        return None
+    spec: ImageSpec = describer.image
+    pixels = [pack(traverse, spec, progress=progress).pixels for traverse in route.traverses]
+    return audit(describer.checkpoint.model, pixels, truth.tolerance if truth.tolerance is not None else 1)
+
+
+def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, str]) -> None:
+    """Writes DIR/metrics.json, the pictures and report.html.
+
+    Raises:
+        StorageError: Writing failed.
+    """
+    pair, result = evaluation.pair, evaluation.result
+    matrix = matrix_figure(pair, result)
+    gallery = match_figure(pair, result)
+    save_figure(matrix, out / "similarity.png")
+    save_figure(gallery, out / "matches.png")
+    title = f"{result.method}: {pair.query.name} against {pair.database.name}"
+    report = Report(
+        title, subtitle=f"{evaluation.route.name}, {evaluation.truth}, {evaluation.matching}", details=details
+    )
+    section = report.section("Scores")
+    section.facts(score_facts(result))
+    section.chart(
+        precision_recall_figure({result.method: result.curve}, areas={result.method: result.scores.auc_pr}),
+        alt=f"Precision-recall curve of {result.method}, area {result.scores.auc_pr:.3f}.",
+        caption="Each query proposes its best database frame; the threshold sweeps over all distinct scores.",
+    )
+    report.section("Similarity matrix").figure(matrix, alt="Similarity of every query to every database frame.")
+    report.section("Matches").figure(gallery, alt="Queries, the proposed frames and the true ones.")
+    if evaluation.audit is not None:
+        audit_section(report.section("Leakage audit"), {result.method: evaluation.audit})
+    if isinstance(evaluation.describer, VAEDescriber) and evaluation.route.aligned:
+        model_section(report.section("What the latent holds"), evaluation.describer, evaluation.route, out)
+    report.write(out / "report.html")
+    write_text(out / "metrics.json", json.dumps(evaluation.metrics(), indent=2) + "\n")
+
+
+def score_facts(result: Retrieval) -> dict[str, float | int]:
+    """The headline numbers of a retrieval."""
+    scores = result.scores
+    return {
+        "recall@1": scores.recall_at["1"],
+        "recall@5": scores.recall_at["5"],
+        "recall@10": scores.recall_at["10"],
+        "auc_pr": scores.auc_pr,
+        "average precision": scores.average_precision,
+        "recall at 100 % precision": scores.recall_at_100_precision,
+        "extended precision": scores.extended_precision,
+        "queries": scores.queries,
+        "database": scores.database,
+        "dimension": result.dimension,
+        "ms per image": result.ms_per_image,
+    }
+
+
+def audit_section(section: Section, audits: dict[str, Audit]) -> None:
+    """The leakage audit of one or more models, as a table that says what is wanted."""
+    section.paragraph(
+        "Measured on frames that were not trained on. Wanted: the condition cannot be predicted from z_p (chance) but "
+        "from z_c; retrieval works by z_p and not by z_c; the swap error is below both of its baselines."
+    )
+    measures: dict[str, Callable[[Audit], float | str]] = {
+        "condition from z_p, linear / MLP probe": lambda a: _two(a.condition_from_z_p.linear, a.condition_from_z_p.mlp),
+        "condition from z_c, linear / MLP probe": lambda a: _two(a.condition_from_z_c.linear, a.condition_from_z_c.mlp),
+        "chance": lambda a: a.condition_from_z_p.chance,
+        "recall@1 by z_p": lambda a: a.recall_at_1["z_p"],
+        "recall@1 by z_c": lambda a: a.recall_at_1["z_c"],
+        "recall@1 by z": lambda a: a.recall_at_1["z"],
+        "swap error, mean z_c": lambda a: a.swap.mean_z_c,
+        "swap error, z_c of the same place": lambda a: a.swap.same_place_z_c,
+        "swap error, z_c of another place": lambda a: a.swap.other_place_z_c,
+        "baseline: the frame unchanged": lambda a: a.swap.unchanged,
+        "baseline: the mean image": lambda a: a.swap.mean_image,
+        "active dimensions of z_p / z_c": lambda a: f"{a.active_dimensions['z_p']} / {a.active_dimensions['z_c']}",
+        "KL of z_p / z_c (nats)": lambda a: f"{a.kl['z_p']:.1f} / {a.kl['z_c']:.1f}",
+    }
+    rows = [[name, *(read(one) for one in audits.values())] for name, read in measures.items()]
+    section.table(["measure", *audits], rows, digits=4)
+
+
+def model_section(section: Section, describer: VAEDescriber, route: Route, out: Path) -> None:
+    """Figures 6 to 9 of the paper for a model and a route."""
+    model = describer.checkpoint.model
+    swap, constant = swap_figure(model, route), constant_figure(model, route)
+    save_figure(swap, out / "swap.png")
+    save_figure(constant, out / "constant.png")
+    section.figure(swap, alt="Images decoded from z_p of one frame and z_c of another.", caption="As Figures 6 and 7.")
+    section.figure(constant, alt="Images decoded with one constant z_c.", caption="As Figures 8 and 9.")
+
+
+def _two(first: float, second: float) -> str:
+    return f"{first:.3f} / {second:.3f}"

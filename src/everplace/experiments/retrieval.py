@@ -1,0 +1,166 @@
+"""One method on one ordered pair of conditions: descriptors, similarity, truth and scores."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.data.route import Route
+from everplace.data.selection import Selection, select
+from everplace.data.traverse import Traverse
+from everplace.data.truth import truth_by_pose, truth_by_position
+from everplace.describe.descriptors import Descriptors
+from everplace.describe.pipeline import describe_traverse, time_describer
+from everplace.describe.protocol import Describer
+from everplace.errors import ConfigError
+from everplace.evaluate.scores import PrecisionRecall, Scores, evaluate, precision_recall
+from everplace.match.sequence import average_sequences
+from everplace.match.similarity import similarity
+from everplace.match.standardise import standardise
+from everplace.progress import Progress, quiet
+
+__all__ = ["Matching", "Pair", "Retrieval", "Truth", "choose_pair", "retrieve", "true_matches"]
+
+Standardisation = Literal["centre", "full"]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """When two frames show the same place.
+
+    Attributes:
+        tolerance: Places along the route by which a match may be off; None: `radius` counts.
+        radius: Metres by which a match may be off, where poses are known.
+    """
+
+    tolerance: int | None = None
+    radius: float | None = None
+
+    def __str__(self) -> str:
+        return f"±{self.tolerance} frames" if self.radius is None else f"within {self.radius:g} m"
+
+
+@dataclass(frozen=True)
+class Matching:
+    """Options of the match; each is named wherever a result of it is.
+
+    Attributes:
+        standardise: Subtract each traverse's mean descriptor (`centre`), also divide by its spread (`full`).
+        sequence: Average the similarity along the diagonal over so many frames; 1: frame by frame.
+    """
+
+    standardise: Standardisation | None = None
+    sequence: int = 1
+
+    def __str__(self) -> str:
+        parts = [f"standardised ({self.standardise})"] if self.standardise else []
+        parts += [f"sequences of {self.sequence}"] if self.sequence > 1 else []
+        return ", ".join(parts) or "plain"
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A query traverse against a database traverse, after selection."""
+
+    query: Traverse
+    database: Traverse
+
+
+@dataclass(frozen=True, eq=False)
+class Retrieval:
+    """What came out for one method and one pair.
+
+    Attributes:
+        method: The method's name.
+        similarity: M×N, rows = queries.
+        truth: M×N.
+        scores: See `everplace.evaluate.scores`.
+        curve: The best-match precision-recall curve.
+        dimension: Numbers in a descriptor.
+        ms_per_image: Description alone, model loading and decoding not counted.
+    """
+
+    method: str
+    similarity: NDArray[np.float32]
+    truth: NDArray[np.bool_]
+    scores: Scores
+    curve: PrecisionRecall
+    dimension: int
+    ms_per_image: float
+
+
+def choose_pair(
+    route: Route, query: str, database: str, selection: Selection, progress: Progress = quiet
+) -> tuple[Route, Pair]:
+    """Restricts a route to two conditions and to the places that take part.
+
+    Returns:
+        The route of these two traverses (one, if both are the same), and the pair.
+
+    Raises:
+        RouteError: A condition does not exist, or nothing is left.
+    """
+    names = [route[query].name, route[database].name]
+    chosen = select(route.choose(list(dict.fromkeys(names))), selection, progress)
+    return chosen, Pair(chosen[names[0]], chosen[names[1]])
+
+
+def true_matches(route: Route, pair: Pair, truth: Truth) -> tuple[NDArray[np.bool_], Truth]:
+    """The truth of a pair; what `truth` leaves open comes from route.toml, else ±1 frame.
+
+    Raises:
+        ConfigError: Both a tolerance and a radius are given.
+        RouteError: Poses are missing for a radius.
+    """
+    if truth.tolerance is not None and truth.radius is not None:
+        raise ConfigError("--tolerance and --radius are two truths; give one of them")
+    if truth.tolerance is None and truth.radius is None:
+        tolerance = route.tolerance if route.radius is None else None
+        truth = Truth(1 if tolerance is None and route.radius is None else tolerance, route.radius)
+    if truth.radius is not None:
+        return truth_by_pose(pair.query, pair.database, truth.radius), truth
+    assert truth.tolerance is not None
+    return truth_by_position(pair.query, pair.database, truth.tolerance), truth
+
+
+def retrieve(
+    describer: Describer,
+    pair: Pair,
+    truth: NDArray[np.bool_],
+    matching: Matching,
+    *,
+    described: dict[str, Descriptors] | None = None,
+    progress: Progress = quiet,
+) -> Retrieval:
+    """Describes both traverses, matches them and scores the result.
+
+    Args:
+        describer: The method.
+        pair: The traverses.
+        truth: M×N.
+        matching: Options of the match.
+        described: Descriptors by traverse name that were made before; new ones are added.
+        progress: Told of the describing.
+    """
+    described = {} if described is None else described
+    for traverse in (pair.query, pair.database):
+        if traverse.name not in described:
+            described[traverse.name] = describe_traverse(describer, traverse, progress=progress)
+    query, database = described[pair.query.name], described[pair.database.name]
+    if matching.standardise:
+        query, database = standardise(query, matching.standardise), standardise(database, matching.standardise)
+    S = similarity(query, database)
+    if matching.sequence > 1:
+        S = average_sequences(S, matching.sequence)
+    return Retrieval(
+        method=describer.method,
+        similarity=S,
+        truth=truth,
+        scores=evaluate(S, truth),
+        curve=precision_recall(S, truth),
+        dimension=describer.dimension,
+        ms_per_image=time_describer(describer, pair.query.paths),
+    )
