@@ -37,7 +37,7 @@ _VERSION = 1
 _PIXELS = "pixels.npy"
 _ABOUT = "pack.json"
 _BUFFER_BYTES = 2**20
-_READ_AT_ONCE = 1024
+_FILES_A_TASK = 64
 _SECONDS_UNTIL_LOCKED = 60.0
 
 
@@ -113,17 +113,17 @@ def _key(traverse: Traverse, spec: ImageSpec, progress: Progress) -> str:
     """Returns the hash of all that decides what a pack holds."""
     settings = {"version": _VERSION, "size": spec.size, "grey": spec.grey, "stems": traverse.stems}
     key = hashlib.sha256(json.dumps(settings).encode())
+
+    def digests(start: int) -> bytes:
+        paths = traverse[start : start + _FILES_A_TASK].paths
+        return b"".join(hashlib.sha256(read_image_bytes(path)).digest() for path in paths)
+
+    # Threads, because hashlib gives up the interpreter lock.
+    starts = range(0, len(traverse), _FILES_A_TASK)
     with ThreadPoolExecutor(min(8, usable_cores()), thread_name_prefix="hash") as pool:
-        # Block by block, because `map` opens a task for every path at once, and there may be a million.
-        for start in progress(range(0, len(traverse), _READ_AT_ONCE), f"reading {traverse.name}"):
-            for digest in pool.map(_digest, traverse[start : start + _READ_AT_ONCE].paths):
-                key.update(digest)
+        for some in progress(pool.map(digests, starts), f"reading {traverse.name}", len(starts)):
+            key.update(some)
     return key.hexdigest()[:40]
-
-
-def _digest(path: Path) -> bytes:
-    """Returns the hash of one file (hashlib gives up the interpreter lock, so threads help)."""
-    return hashlib.sha256(read_image_bytes(path)).digest()
 
 
 def _open(directory: Path, shape: tuple[int, ...]) -> NDArray[np.uint8] | None:
