@@ -51,7 +51,7 @@ def test_it_is_the_slow_computation() -> None:
     rng = np.random.default_rng(0)
     coarse = rng.integers(0, 256, (8, 16)).astype(np.uint8)
     image = np.kron(coarse, np.ones((8, 8), np.uint8)) // 2 + rng.integers(0, 64, (64, 128), dtype=np.uint8)
-    assert np.allclose(describe(image).reshape(105, 36), slow_hog(image), atol=2e-3)
+    assert np.allclose(describe(image).reshape(105, 36), slow_hog(image), atol=5e-4)
 
 
 def test_it_has_3780_values_in_blocks_of_length_1() -> None:
