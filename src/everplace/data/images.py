@@ -1,22 +1,15 @@
 """Decoding image files: strict, limited, silent, and always to the same kind of array.
 
-Pillow decodes and OpenCV resizes. OpenCV's own decoders return the grey lower half of a truncated file as if
-it were the picture, and print libjpeg's and libpng's warnings on stderr; Pillow refuses what is broken and
-prints nothing.
-
-What every decoded image has in common: the content decides the format, not the ending of the name; the EXIF
-orientation is applied; 16-bit grey is divided by 256 (never stretched, which would hide how bright a frame
-is); transparent pixels are laid over black; colour profiles are ignored; of an animation the first picture is
-taken.
+Pillow decodes and OpenCV resizes. OpenCV's own decoders return the grey lower half of a truncated file as if it were the
+picture, and print libjpeg's and libpng's warnings on stderr; Pillow refuses what is broken, in silence (only libtiff has
+a word to say about broken compressed TIFFs). `image_formats` says how each format becomes 8-bit grey or RGB.
 """
 
 from __future__ import annotations
 
-import io
 import os
 import stat
 import struct
-import zlib
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -26,14 +19,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageFile
-from PIL.BmpImagePlugin import BmpImageFile
-from PIL.JpegImagePlugin import JpegImageFile
-from PIL.PngImagePlugin import PngImageFile
-from PIL.PpmImagePlugin import PpmImageFile
-from PIL.TiffImagePlugin import TiffImageFile
-from PIL.WebPImagePlugin import WebPImageFile
 
+from everplace.data.image_formats import MAX_PIXELS, decode_bytes
 from everplace.errors import ConfigError, ImageError
 from everplace.files import readable
 
@@ -52,32 +39,8 @@ __all__ = [
 IMAGE_ENDINGS = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 """Endings (lower case) by which a file in a traverse counts as a frame."""
 
-MAX_PIXELS = 2**26
-"""Largest picture that is decoded: 8192×8192 pixels; checked in the header, before memory is taken."""
-
 MAX_FILE_BYTES = 2**29
 """Largest image file that is read: 512 MiB."""
-
-# The readers are called by the first bytes, not through Image.open: that one warns about large pictures on
-# stderr before our own limit is asked, and tries every format it knows, some of which start other programs
-# (EPS: Ghostscript).
-_READERS: tuple[tuple[bytes, type[ImageFile.ImageFile]], ...] = (
-    (b"\xff\xd8", JpegImageFile),
-    (b"\x89PNG\r\n\x1a\n", PngImageFile),
-    (b"BM", BmpImageFile),
-    (b"II*\0", TiffImageFile),
-    (b"II+\0", TiffImageFile),
-    (b"MM\0*", TiffImageFile),
-    (b"MM\0+", TiffImageFile),
-    (b"RIFF", WebPImageFile),
-    (b"P1", PpmImageFile),
-    (b"P2", PpmImageFile),
-    (b"P3", PpmImageFile),
-    (b"P4", PpmImageFile),
-    (b"P5", PpmImageFile),
-    (b"P6", PpmImageFile),
-)
-_ORIENTATION_TAG = 0x0112
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +90,7 @@ def decode_image(path: Path, spec: ImageSpec) -> NDArray[np.uint8]:
     if not data:
         raise ImageError(f"{readable(path)} is empty (0 bytes); copy or export the frame again")
     try:
-        pixels = _decode(path, data, spec)
+        pixels = decode_bytes(readable(path), data, spec.size, grey=spec.grey)
     # What Pillow's readers raise on broken bytes: OSError and EOFError where they end too early, SyntaxError
     # for broken PNG chunks, the others for header fields without sense.
     except (
@@ -228,93 +191,6 @@ def usable_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-def _decode(path: Path, data: bytes, spec: ImageSpec) -> NDArray[np.uint8]:
-    """Decodes to H×W×C at the stored or a reduced size; raises what Pillow raises, or `ImageError`."""
-    reader = next((reader for start, reader in _READERS if data.startswith(start)), None)
-    if reader is None:
-        raise ImageError(
-            f"{readable(path)} is not an image of a known format; convert it to PNG or JPEG, "
-            "or move it out of the route"
-        )
-    if reader is PngImageFile:
-        _check_png(data)
-    with reader(io.BytesIO(data)) as image:
-        if image.width * image.height > MAX_PIXELS:
-            raise ImageError(
-                f"{readable(path)} has {image.width}×{image.height} pixels, more than the limit of "
-                f"{MAX_PIXELS}; export the frame smaller"
-            )
-        if isinstance(image, JpegImageFile):
-            _reduce_jpeg(image, spec)
-        image.load()
-        orientation = image.getexif().get(_ORIENTATION_TAG, 1)
-        plain = _to_8_bit(path, image).convert("L" if spec.grey else "RGB")
-        pixels = np.array(plain).reshape(plain.height, plain.width, spec.channels)
-    return np.ascontiguousarray(_turn(pixels, orientation))
-
-
-def _check_png(data: bytes) -> None:
-    """Raises `ValueError` unless the chunks that make the picture are whole; Pillow skips their checksums."""
-    position, kind = 8, b""
-    while kind != b"IEND":
-        length, kind = struct.unpack_from(">I4s", data, position)
-        end = position + 8 + length
-        (checksum,) = struct.unpack_from(">I", data, end)
-        # A capital letter marks the chunks that matter; sloppy writers leave wrong checksums in others.
-        if kind[:1].isupper() and zlib.crc32(memoryview(data)[position + 4 : end]) != checksum:
-            raise ValueError(f"wrong checksum in chunk {kind!r}")
-        position = end + 4
-
-
-def _reduce_jpeg(image: JpegImageFile, spec: ImageSpec) -> None:
-    """Tells the JPEG decoder to give fewer pixels, and only luma, where that is enough."""
-    size = None
-    if spec.size is not None:
-        on_its_side = image.getexif().get(_ORIENTATION_TAG, 1) in {5, 6, 7, 8}
-        size = spec.size if on_its_side else (spec.size[1], spec.size[0])
-    image.draft("L" if spec.grey else "RGB", size)
-
-
-def _to_8_bit(path: Path, image: Image.Image) -> Image.Image:
-    """Brings any of Pillow's modes to L or RGB."""
-    if image.mode.startswith("I;16") or (image.mode == "I" and image.format in {"PNG", "PPM"}):
-        return Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
-    if image.mode in {"I", "F"}:
-        raise ImageError(
-            f"{readable(path)} has 32-bit pixels, whose range nobody knows; export the frame with 8 or 16 "
-            "bits"
-        )
-    if image.mode == "L" and "transparency" not in image.info:
-        return image
-    if "A" in image.getbands() or "a" in image.getbands() or "transparency" in image.info:
-        transparent = image.convert("RGBA")
-        black = Image.new("RGB", image.size)
-        black.paste(transparent, mask=transparent.getchannel("A"))
-        return black
-    return image.convert("RGB")
-
-
-def _turn(pixels: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
-    """Applies an EXIF orientation (1 to 8; anything else is upright) to H×W×C."""
-    match orientation:
-        case 2:
-            return pixels[:, ::-1]
-        case 3:
-            return pixels[::-1, ::-1]
-        case 4:
-            return pixels[::-1]
-        case 5:
-            return pixels.swapaxes(0, 1)
-        case 6:
-            return np.rot90(pixels, -1)
-        case 7:
-            return np.rot90(pixels, 2).swapaxes(0, 1)
-        case 8:
-            return np.rot90(pixels)
-        case _:
-            return pixels
 
 
 def _uint8(array: object) -> NDArray[np.uint8]:
