@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
 from typing import Any
@@ -11,22 +12,27 @@ from typing import Any
 import numpy as np
 
 from everplace.data.route import Route
+from everplace.data.selection import Selection, parse_frames, select
 from everplace.describe.descriptors import Descriptors
 from everplace.describe.methods.vae import VAEDescriber
 from everplace.describe.protocol import Describer
-from everplace.errors import RouteError
+from everplace.describe.registry import open_describer
+from everplace.errors import ConfigError, MethodError, RouteError
 from everplace.evaluate.audit import Audit
 from everplace.experiments.evaluation import audit_pair, audit_section, model_section
 from everplace.experiments.pictures import match_figure, matrix_figure
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, retrieve, true_matches
 from everplace.files import write_text
+from everplace.model.config import MODEL_KINDS
 from everplace.plots.canvas import new_figure, save_figure
 from everplace.plots.curves import draw_precision_recall_panels
 from everplace.plots.interactive import precision_recall_figure
 from everplace.progress import Progress, quiet
 from everplace.report.html import Report
+from everplace.training.config import DEFAULT_EPOCHS, TrainConfig
+from everplace.training.fit import train
 
-__all__ = ["Comparison", "compare_methods", "write_comparison"]
+__all__ = ["Comparison", "compare_methods", "fit_and_open", "write_comparison"]
 
 _SCORES = ("recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP")
 
@@ -99,6 +105,67 @@ class Comparison:
                 ]
             )  # fmt: skip
         return header, rows
+
+
+def fit_and_open(
+    route: Route,
+    methods: Sequence[str],
+    selection: Selection,
+    fit_frames: str,
+    out: Path,
+    *,
+    settings: Mapping[str, Any],
+    progress: Progress = quiet,
+) -> tuple[Route, dict[str, Describer], dict[str, str]]:
+    """Opens every method; those named by a kind of model are trained first, into `out`/runs.
+
+    Args:
+        route: The chosen traverses.
+        methods: Run directories, names of methods, or kinds of model to fit.
+        selection: The places to test on.
+        fit_frames: `A:B`, the places to fit on; they may not overlap the tested ones.
+        out: The directory of the comparison.
+        settings: Values of `TrainConfig` for the models that are fitted.
+        progress: Told of decoding.
+
+    Returns:
+        The route restricted to the tested places, the methods by label, and those left out with the reason.
+
+    Raises:
+        ConfigError: A model is to be fitted without --fit-frames, or on tested places; or no method can run.
+    """
+    tested = select(route, selection, progress)
+    fitted = [method for method in methods if method in MODEL_KINDS]
+    if fitted:
+        _require_apart(select(route, replace(selection, frames=None), progress), selection.frames, fit_frames, fitted)
+    length = {} if "minutes" in settings else {"epochs": DEFAULT_EPOCHS}
+    describers: dict[str, Describer] = {}
+    left_out: dict[str, str] = {}
+    for method in methods:
+        run = out / "runs" / method
+        if method in fitted:
+            config = TrainConfig.build(**{**length, **settings, "model": method, "frames": fit_frames})
+            train(route, config, run, resume=True, progress=progress, show=True)
+        try:
+            describers[method] = open_describer(str(run) if method in fitted else method)
+        except MethodError as error:
+            left_out[method] = str(error)
+    if not describers:
+        raise ConfigError(f"--methods {','.join(methods)}: none of them can run: {'; '.join(left_out.values())}")
+    return tested, describers, left_out
+
+
+def _require_apart(route: Route, frames: slice | None, fit_frames: str, fitted: Sequence[str]) -> None:
+    if not fit_frames:
+        raise ConfigError(f"{', '.join(fitted)} must be fitted: give --fit-frames A:B, places that --frames leaves out")
+    total = min(len(traverse) for traverse in route.traverses)
+    tested = range(total)[frames if frames is not None else slice(None)]
+    both = set(tested).intersection(range(total)[parse_frames(fit_frames)])
+    if both:
+        raise ConfigError(
+            f"--fit-frames {fit_frames} and --frames share {len(both)} places, from {min(both)} to {max(both)}; "
+            "a method may not be fitted on the places it is tested on"
+        )
 
 
 def compare_methods(

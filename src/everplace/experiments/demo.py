@@ -48,17 +48,19 @@ def run_demo(out: Path, *, details: dict[str, str], progress: Progress = quiet, 
     """
     route_directory = out / "route"
     if not route_directory.exists():
-        config = render_config({"places": PLACES, "size": SIZE, "conditions": ("summer", "winter")})
-        render_route(route_directory, config, progress=progress)
+        world = render_config({"places": PLACES, "size": SIZE, "conditions": ("summer", "winter")})
+        render_route(route_directory, world, progress=progress)
     route = open_route(route_directory)
     describers: dict[str, Describer] = {}
     curves = {}
+    chosen = {}
     for kind in MODELS:
         run = out / "runs" / kind
-        config_ = TrainConfig.build(model=kind, frames=TRAINED, image_size=SIZE, epochs=EPOCHS)
-        train(route, config_, run, resume=True, progress=progress, show=show)
+        config = TrainConfig.build(model=kind, frames=TRAINED, image_size=SIZE, epochs=EPOCHS)
+        summary = train(route, config, run, resume=True, progress=progress, show=show)
         describers[kind] = open_describer(str(run))
         curves[kind] = read_metrics(run)
+        chosen[kind] = summary.best_epoch
     describers |= {name: open_describer(name) for name in ("sad", "hog")}
     tested = select(route, Selection(parse_frames(TESTED)), progress)
     comparison = compare_methods(tested, describers, truth=Truth(), matching=Matching(), progress=progress)
@@ -67,7 +69,7 @@ def run_demo(out: Path, *, details: dict[str, str], progress: Progress = quiet, 
     )
     for kind, metrics in curves.items():
         figure = new_figure(10)
-        draw_training(figure, metrics)
+        draw_training(figure, metrics, chosen=chosen[kind])
         report.section(f"Training of {kind}").figure(figure, alt=f"Terms of the bound of {kind} over the epochs.")
     report.write(out / "report.html")
     return comparison.metrics()

@@ -17,9 +17,9 @@ from everplace.describe.pipeline import describe_traverse, time_describer
 from everplace.describe.protocol import Describer
 from everplace.errors import ConfigError
 from everplace.evaluate.scores import PrecisionRecall, Scores, evaluate, precision_recall
+from everplace.match.search import compared
 from everplace.match.sequence import average_sequences
 from everplace.match.similarity import similarity
-from everplace.match.standardise import standardise
 from everplace.progress import Progress, quiet
 
 __all__ = ["Matching", "Pair", "Retrieval", "Truth", "choose_pair", "retrieve", "true_matches"]
@@ -150,9 +150,7 @@ def retrieve(
         if traverse.name not in described:
             described[traverse.name] = describe_traverse(describer, traverse, progress=progress)
     query, database = described[pair.query.name], described[pair.database.name]
-    if matching.standardise:
-        query, database = standardise(query, matching.standardise), standardise(database, matching.standardise)
-    S = similarity(query, database)
+    S = similarity(*compared(query, database, matching.standardise))
     if matching.sequence > 1:
         S = average_sequences(S, matching.sequence)
     return Retrieval(

@@ -19,9 +19,10 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["CONFIG_FILE", "TermWeights", "TrainConfig", "read_toml", "recipe", "write_config"]
+__all__ = ["CONFIG_FILE", "DEFAULT_EPOCHS", "TermWeights", "TrainConfig", "read_toml", "recipe", "write_config"]
 
 CONFIG_FILE = "config.toml"
+DEFAULT_EPOCHS = 40
 
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

@@ -6,6 +6,9 @@ import csv
 import io
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from everplace.errors import CheckpointError
 from everplace.files import readable, write_text
 
@@ -55,15 +58,15 @@ class MetricsTable:
         write_text(self._path, text.getvalue())
 
 
-def read_metrics(run: Path) -> dict[str, list[float]]:
-    """Reads metrics.csv by column; what is empty becomes NaN.
+def read_metrics(run: Path) -> dict[str, NDArray[np.float64]]:
+    """Reads metrics.csv by column, one value an epoch; what is empty becomes NaN.
 
     Raises:
         CheckpointError: The file is missing or is no table of numbers.
     """
     path = run / METRICS_FILE
     rows = _read_rows(path)
-    return {name: [float(row[name] or "nan") for row in rows] for name in (rows[0] if rows else _COLUMNS)}
+    return {name: np.array([float(row[name] or "nan") for row in rows]) for name in (rows[0] if rows else _COLUMNS)}
 
 
 def _read_rows(path: Path) -> list[dict[str, str]]:

@@ -14,7 +14,7 @@ from everplace.data.traverse import Traverse
 from everplace.errors import RouteError
 from everplace.files import readable
 
-__all__ = ["POSES_CSV", "read_traverses"]
+__all__ = ["POSES_CSV", "open_traverse", "read_traverses"]
 
 POSES_CSV = "poses.csv"
 """Where the poses of a traverse are, in its directory, unless route.toml names another file."""
@@ -53,6 +53,19 @@ def read_traverses(root: Path, settings: RouteToml) -> tuple[Traverse, ...]:
     if not names:
         raise _no_traverses(root)
     return tuple(_read_traverse(root, name, settings.traverses.get(name, TraverseToml())) for name in names)
+
+
+def open_traverse(directory: Path) -> Traverse:
+    """Lists one directory of images as a traverse, with no route around it; no image is opened.
+
+    Raises:
+        RouteError: There is no such directory, it holds no image, or two files share a stem.
+    """
+    if not directory.is_dir():
+        problem = "is not a directory" if directory.exists() else "does not exist"
+        raise RouteError(f"{readable(directory)} {problem}; give a directory that holds images")
+    whole = directory.absolute()
+    return _read_traverse(whole.parent, whole.name, TraverseToml())
 
 
 def _sub_directories(root: Path) -> list[str]:

@@ -1,0 +1,108 @@
+"""`everplace data`: routes on disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+from everplace.cli.options import Grey, ImageSize, Json, OutDirectory, RouteArgument
+from everplace.cli.output import show_progress, show_result
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the sub-commands."""
+    data = typer.Typer(help="Render, look at and pack routes.", no_args_is_help=True)
+    data.command("render")(render)
+    data.command("inspect")(inspect)
+    data.command("pack")(pack)
+    app.add_typer(data, name="data")
+
+
+def render(
+    out: OutDirectory,
+    places: Annotated[int, typer.Option("--places", min=2, help="Places along the route.")] = 200,
+    image_size: ImageSize = None,
+    conditions: Annotated[
+        str, typer.Option("--conditions", metavar="A,B", help="spring, summer, autumn, winter, night, rain [all].")
+    ] = "",
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the world and the drives.")] = 0,
+    image_format: Annotated[str, typer.Option("--format", metavar="png|jpg", help="Kind of image file.")] = "png",
+    as_json: Json = False,
+) -> None:
+    """Render a route through a procedural world: the same places in several conditions, with their poses.
+
+    Example: everplace data render --out my-route --places 200 --image-size 224 224
+    """
+    from everplace.data.render.config import render_config
+    from everplace.data.render.route import render_route
+
+    given: dict[str, Any] = {"places": places, "seed": seed, "format": image_format}
+    if image_size is not None:
+        given["size"] = image_size
+    if conditions:
+        given["conditions"] = tuple(name for name in conditions.split(",") if name)
+    config = render_config(given)
+    render_route(out, config, progress=show_progress())
+    show_result({"route": str(out), "traverses": list(config.conditions), "places": config.places}, as_json)
+
+
+def inspect(
+    route: RouteArgument,
+    as_json: Json = False,
+) -> None:
+    """Say what a route holds: traverses, conditions, frames, shared places.
+
+    Example: everplace data inspect my-route
+    """
+    from everplace.data.route import open_route
+
+    opened = open_route(route)
+    traverses = {
+        traverse.name: {
+            "condition": traverse.condition,
+            "frames": len(traverse),
+            "poses": traverse.poses is not None,
+        }
+        for traverse in opened.traverses
+    }
+    show_result(
+        {
+            "route": str(route),
+            "shared_places": len(opened.shared_stems()),
+            "tolerance": opened.tolerance,
+            "radius": opened.radius,
+            "traverses": traverses,
+        },
+        as_json,
+    )
+
+
+def pack(
+    route: RouteArgument,
+    image_size: ImageSize = None,
+    grey: Grey = False,
+    cache: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--cache", metavar="DIR", help="Where packs are kept [$EVERPLACE_CACHE, else the user's cache]."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Decode every frame of a route once, so that training starts at once.
+
+    Example: everplace data pack my-route --image-size 224 224
+    """
+    from everplace.data.images import ImageSpec
+    from everplace.data.pack import pack as pack_traverse
+    from everplace.data.route import open_route
+
+    spec = ImageSpec(image_size or (224, 224), grey)
+    opened = open_route(route)
+    shapes = {
+        traverse.name: list(pack_traverse(traverse, spec, cache=cache, progress=show_progress()).pixels.shape)
+        for traverse in opened.traverses
+    }
+    show_result({"route": str(route), "packed": shapes}, as_json)

@@ -1,0 +1,52 @@
+"""`everplace describe`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from everplace.cli.options import Json, OutFile
+from everplace.cli.output import one_of, show_progress, show_result
+
+__all__ = ["describe", "register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command("describe")(describe)
+
+
+def describe(
+    method: Annotated[str, typer.Argument(metavar="METHOD", help="A run directory, or a method such as sad or hog.")],
+    images: Annotated[Path, typer.Argument(metavar="IMAGES", help="Directory of images.")],
+    out: OutFile,
+    batch: Annotated[int, typer.Option("--batch", min=1, help="Images described at once.")] = 32,
+    file_format: Annotated[
+        str, typer.Option("--format", metavar="everplace|hloc", help="Layout of the HDF5 file.")
+    ] = "everplace",
+    as_json: Json = False,
+) -> None:
+    """Describe every image of a directory; FILE.h5 gets the descriptors and the names.
+
+    Example: everplace describe runs/cp-vae my-route/winter --out winter.h5
+    """
+    one_of(file_format, "--format", ("everplace", "hloc"))
+    from everplace.data.sources.folder import open_traverse
+    from everplace.describe.pipeline import describe_paths
+    from everplace.describe.registry import open_describer
+
+    describer = open_describer(method)
+    traverse = open_traverse(images)
+    # hloc knows an image by its file name, everplace a place by the stem that its traverses share.
+    names = [path.name for path in traverse.paths] if file_format == "hloc" else traverse.stems
+    described = describe_paths(describer, traverse.paths, names, batch=batch, progress=show_progress())
+    if file_format == "hloc":
+        described.write_hloc(out)
+    else:
+        described.save(out)
+    show_result(
+        {"method": described.method, "images": len(described), "dimension": described.dimension, "out": str(out)},
+        as_json,
+    )

@@ -1,0 +1,69 @@
+"""`everplace evaluate`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from everplace.cli.options import (
+    Database,
+    DropDark,
+    DropStationary,
+    Frames,
+    Json,
+    OutDirectory,
+    Query,
+    Radius,
+    RouteArgument,
+    Sequence,
+    Standardise,
+    Tolerance,
+)  # fmt: skip
+from everplace.cli.output import one_of, provenance, show_progress, show_result
+
+__all__ = ["evaluate", "register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command("evaluate")(evaluate)
+
+
+def evaluate(
+    route: RouteArgument,
+    method: Annotated[str, typer.Option("--method", metavar="METHOD", help="A run directory, or sad, hog, ...")],
+    database: Database,
+    query: Query,
+    out: OutDirectory,
+    frames: Frames = "",
+    tolerance: Tolerance = None,
+    radius: Radius = None,
+    drop_dark: DropDark = False,
+    drop_stationary: DropStationary = False,
+    standardise: Standardise = None,
+    sequence: Sequence = 1,
+    as_json: Json = False,
+) -> None:
+    """Score a method between two conditions; DIR gets metrics.json, pictures and report.html.
+
+    Example: everplace evaluate my-route --method hog --database summer --query winter --frames 1620: --out result
+    """
+    how = one_of(standardise, "--standardise", ("centre", "full"))
+    from everplace.data.route import open_route
+    from everplace.data.selection import Selection, parse_frames
+    from everplace.experiments.evaluation import evaluate_method, write_evaluation
+    from everplace.experiments.retrieval import Matching, Truth
+
+    evaluation = evaluate_method(
+        open_route(route),
+        method,
+        query=query,
+        database=database,
+        selection=Selection(parse_frames(frames) if frames else None, drop_dark, drop_stationary),
+        truth=Truth(tolerance, radius),
+        matching=Matching(how, sequence),
+        progress=show_progress(),
+    )
+    write_evaluation(evaluation, out, details=provenance())
+    show_result(evaluation.metrics(), as_json)

@@ -1,0 +1,89 @@
+"""The `everplace` command: its sub-commands, and how every error becomes one sentence and an exit status."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+from importlib import import_module
+
+import typer
+from typer.main import get_command
+
+from everplace.errors import EverplaceError
+
+__all__ = ["app", "main"]
+
+_BAD_USAGE, _MACHINE_FAILED, _INTERRUPTED = 2, 1, 130
+
+app = typer.Typer(
+    name="everplace",
+    help="Recognise a place again in another season, weather or light.\n\nStart with: everplace demo",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+for _name in ("demo", "train", "describe", "match", "evaluate", "compare", "show", "data"):
+    import_module(f"everplace.cli.{_name}").register(app)
+
+
+def main() -> None:
+    """Runs the command and exits with its status: 0, 1 machine, 2 usage or input, 130 Ctrl-C."""
+    sys.exit(_run(sys.argv[1:]))
+
+
+def _run(arguments: list[str]) -> int:
+    try:
+        status = get_command(app).main(args=arguments, prog_name="everplace", standalone_mode=False)
+    except typer.Abort:
+        return _interrupted()
+    except typer.Exit as end:
+        return end.exit_code
+    except EverplaceError as error:
+        _say(str(error))
+        return error.exit_status
+    except KeyboardInterrupt:
+        return _interrupted()
+    except MemoryError:
+        _say("the machine is out of memory; use smaller batches, images or fewer frames")
+        return _MACHINE_FAILED
+    except BrokenPipeError:
+        # Whoever read our output has gone; Python would complain once more when it closes stdout.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _MACHINE_FAILED
+    except OSError as error:
+        known = {errno.ENOSPC: "the disk is full; free some space", errno.EDQUOT: "the quota is used up; free space"}
+        where = f" ({error.filename})" if error.filename else ""
+        _say(known.get(error.errno or 0, f"{error.strerror or error}{where}; check the path and its permissions"))
+        return _MACHINE_FAILED
+    except typer.TyperException as error:
+        return _usage(error)
+    return status if isinstance(status, int) else 0
+
+
+def _usage(error: Exception) -> int:
+    """Says what is wrong with the command line, in one sentence with the way to the help."""
+    format_message = getattr(error, "format_message", None)
+    message = str(format_message() if callable(format_message) else error).strip().rstrip(".")
+    context = getattr(error, "ctx", None)
+    if message.startswith("Usage:"):  # no arguments at all: the message is the help
+        print(message, file=sys.stderr)
+        return _BAD_USAGE
+    command = context.command_path if context is not None else "everplace"
+    _say(f"{message}; see {command} --help")
+    return _BAD_USAGE
+
+
+def _interrupted() -> int:
+    _say("stopped; what was finished is kept")
+    return _INTERRUPTED
+
+
+def _say(message: str) -> None:
+    print(f"everplace: {message}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()

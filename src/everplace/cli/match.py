@@ -1,0 +1,46 @@
+"""`everplace match`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from everplace.cli.options import Json, OutFile, Sequence, Standardise
+from everplace.cli.output import one_of, show_result
+
+__all__ = ["match", "register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command("match")(match)
+
+
+def match(
+    database: Annotated[Path, typer.Argument(metavar="DATABASE.h5", help="Descriptors of the map.")],
+    query: Annotated[Path, typer.Argument(metavar="QUERY.h5", help="Descriptors of the frames that ask.")],
+    out: OutFile,
+    top: Annotated[int, typer.Option("--top", min=1, metavar="K", help="Matches for each query.")] = 1,
+    standardise: Standardise = None,
+    sequence: Sequence = 1,
+    file_format: Annotated[
+        str, typer.Option("--format", metavar="csv|hloc-pairs|kapture", help="Kind of file.")
+    ] = "csv",
+    as_json: Json = False,
+) -> None:
+    """Find the most similar database frames of every query.
+
+    Example: everplace match summer.h5 winter.h5 --top 5 --out matches.csv
+    """
+    how = one_of(standardise, "--standardise", ("centre", "full"))
+    kind = one_of(file_format, "--format", ("csv", "hloc-pairs", "kapture"))
+    from everplace.describe.descriptors import load_descriptors
+    from everplace.match.io import write_matches
+    from everplace.match.search import best_matches
+
+    asked, known = load_descriptors(query), load_descriptors(database)
+    indices, scores = best_matches(asked, known, top, standardised=how, sequence=sequence)
+    write_matches(out, asked.names, known.names, indices, scores, format=kind)
+    show_result({"queries": len(asked), "database": len(known), "matches": indices.size, "out": str(out)}, as_json)

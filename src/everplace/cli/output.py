@@ -1,0 +1,74 @@
+"""What commands print: progress on stderr, results on stdout as a table for people or as JSON."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from datetime import datetime, timezone
+from importlib.metadata import version
+from typing import Any, TypeVar
+
+from everplace.errors import ConfigError
+from everplace.progress import Progress
+
+__all__ = ["one_of", "provenance", "show_progress", "show_result"]
+
+T = TypeVar("T")
+
+
+def show_progress() -> Progress:
+    """A `Progress` that draws a bar on stderr for a person at a terminal, and stays silent in a log file."""
+
+    def bar(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
+        from rich.console import Console
+        from rich.progress import track
+
+        console = Console(stderr=True)
+        if console.is_terminal:
+            yield from track(items, description=what, total=total, console=console, transient=True)
+        else:
+            yield from items
+
+    return bar
+
+
+def show_result(result: Mapping[str, Any], as_json: bool) -> None:
+    """Prints a result on stdout."""
+    if as_json:
+        print(json.dumps(result, indent=2, ensure_ascii=False))
+        return
+    width = max((len(key) for key in _flat(result)), default=0)
+    for key, value in _flat(result).items():
+        print(f"{key:<{width}}  {value:.4g}" if isinstance(value, float) else f"{key:<{width}}  {value}")
+
+
+def provenance() -> dict[str, str]:
+    """Where a report comes from: the command, the time and the version."""
+    command = shlex.join(["everplace", *sys.argv[1:]])
+    now = datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
+    return {"command": command, "date": now, "version": f"everplace {version('everplace')}"}
+
+
+def one_of(value: str | None, option: str, allowed: tuple[str, ...]) -> Any:
+    """Returns the value if it is allowed (None always is).
+
+    Raises:
+        ConfigError: It is not.
+    """
+    if value is not None and value not in allowed:
+        raise ConfigError(f"{option} {value!r} is not known; choose {' or '.join(allowed)}")
+    return value
+
+
+def _flat(result: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in result.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{prefix}{key}.")
+        elif isinstance(value, list | tuple):
+            flat[f"{prefix}{key}"] = ", ".join(map(str, value))
+        elif value is not None:
+            flat[f"{prefix}{key}"] = value
+    return flat

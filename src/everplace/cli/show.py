@@ -1,0 +1,185 @@
+"""`everplace show`: one picture at a time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
+
+import typer
+
+from everplace.cli.options import (
+    Database,
+    DropDark,
+    DropStationary,
+    Frames,
+    OutFile,
+    Query,
+    Radius,
+    RouteArgument,
+    Sequence,
+    Standardise,
+    Tolerance,
+)  # fmt: skip
+from everplace.cli.output import one_of, show_progress
+
+if TYPE_CHECKING:
+    from everplace.data.route import Route
+
+__all__ = ["register"]
+
+RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="Directory of a trained model.")]
+Conditions = Annotated[str, typer.Option("--conditions", metavar="A,B", help="Traverses or conditions to show [all].")]
+Method = Annotated[str, typer.Option("--method", metavar="METHOD", help="A run directory, or sad, hog, ...")]
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the sub-commands."""
+    show = typer.Typer(help="Draw one picture: swap, constant, matrix or matches.", no_args_is_help=True)
+    show.command("swap")(swap)
+    show.command("constant")(constant)
+    show.command("matrix")(matrix)
+    show.command("matches")(matches)
+    app.add_typer(show, name="show")
+
+
+def swap(
+    run: RunArgument,
+    route: RouteArgument,
+    out: OutFile,
+    conditions: Conditions = "",
+    frames: Frames = "",
+    place: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option("--place", min=0, help="Position of the place among --frames [the middle one]."),
+    ] = None,
+    drop_dark: DropDark = False,
+    drop_stationary: DropStationary = False,
+) -> None:
+    """Decode z_p of one frame with z_c of another, for one place in all conditions (Figures 6 and 7).
+
+    Example: everplace show swap runs/cp-vae my-route --frames 1620: --out swap.png
+    """
+    from everplace.experiments.pictures import swap_figure
+    from everplace.model.checkpoint import load_checkpoint
+    from everplace.plots.canvas import save_figure
+
+    model = load_checkpoint(run).model
+    chosen = _select(route, conditions, frames, drop_dark, drop_stationary)
+    save_figure(swap_figure(model, chosen, place), out)
+    print(out)
+
+
+def constant(
+    run: RunArgument,
+    route: RouteArgument,
+    out: OutFile,
+    conditions: Conditions = "",
+    frames: Frames = "",
+    count: Annotated[int, typer.Option("--count", min=1, help="Places to show.")] = 4,
+    drop_dark: DropDark = False,
+    drop_stationary: DropStationary = False,
+) -> None:
+    """Decode z_p of every frame with one constant z_c: condition-invariant images (Figures 8 and 9).
+
+    Example: everplace show constant runs/cp-vae my-route --frames 1620: --out constant.png
+    """
+    from everplace.experiments.pictures import constant_figure
+    from everplace.model.checkpoint import load_checkpoint
+    from everplace.plots.canvas import save_figure
+
+    model = load_checkpoint(run).model
+    chosen = _select(route, conditions, frames, drop_dark, drop_stationary)
+    save_figure(constant_figure(model, chosen, count=count), out)
+    print(out)
+
+
+def matrix(
+    route: RouteArgument,
+    method: Method,
+    database: Database,
+    query: Query,
+    out: OutFile,
+    frames: Frames = "",
+    tolerance: Tolerance = None,
+    radius: Radius = None,
+    drop_dark: DropDark = False,
+    drop_stationary: DropStationary = False,
+    standardise: Standardise = None,
+    sequence: Sequence = 1,
+) -> None:
+    """Draw the similarity matrix with its truth and the best matches.
+
+    Example: everplace show matrix my-route --method hog --database summer --query winter --out matrix.png
+    """
+    _evaluated(
+        "matrix", route, method, database, query, out, frames, tolerance, radius, drop_dark, drop_stationary,
+        standardise, sequence,
+    )  # fmt: skip
+
+
+def matches(
+    route: RouteArgument,
+    method: Method,
+    database: Database,
+    query: Query,
+    out: OutFile,
+    frames: Frames = "",
+    tolerance: Tolerance = None,
+    radius: Radius = None,
+    drop_dark: DropDark = False,
+    drop_stationary: DropStationary = False,
+    standardise: Standardise = None,
+    sequence: Sequence = 1,
+) -> None:
+    """Draw a gallery of right and wrong matches.
+
+    Example: everplace show matches my-route --method hog --database summer --query winter --out matches.png
+    """
+    _evaluated(
+        "matches", route, method, database, query, out, frames, tolerance, radius, drop_dark, drop_stationary,
+        standardise, sequence,
+    )  # fmt: skip
+
+
+def _evaluated(
+    what: str,
+    route: Path,
+    method: str,
+    database: str,
+    query: str,
+    out: Path,
+    frames: str,
+    tolerance: int | None,
+    radius: float | None,
+    drop_dark: bool,
+    drop_stationary: bool,
+    standardise: str | None,
+    sequence: int,
+) -> None:
+    how = one_of(standardise, "--standardise", ("centre", "full"))
+    from everplace.data.route import open_route
+    from everplace.data.selection import Selection, parse_frames
+    from everplace.describe.registry import open_describer
+    from everplace.experiments.pictures import match_figure, matrix_figure
+    from everplace.experiments.retrieval import Matching, Truth, choose_pair, retrieve, true_matches
+    from everplace.plots.canvas import save_figure
+
+    progress = show_progress()
+    describer = open_describer(method)
+    selection = Selection(parse_frames(frames) if frames else None, drop_dark, drop_stationary)
+    chosen, pair = choose_pair(open_route(route), query, database, selection, progress)
+    truth, _ = true_matches(chosen, pair, Truth(tolerance, radius))
+    result = retrieve(describer, pair, truth, Matching(how, sequence), progress=progress)
+    draw = matrix_figure if what == "matrix" else match_figure
+    save_figure(draw(pair, result, title=result.method), out)
+    print(out)
+
+
+def _select(route: Path, conditions: str, frames: str, drop_dark: bool, drop_stationary: bool) -> Route:
+    from everplace.data.route import open_route
+    from everplace.data.selection import Selection, parse_frames, select
+
+    opened = open_route(route)
+    names = [name for name in conditions.split(",") if name]
+    selection = Selection(parse_frames(frames) if frames else None, drop_dark, drop_stationary)
+    return select(opened.choose(names) if names else opened, selection, show_progress())

@@ -1,0 +1,106 @@
+"""`everplace train`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+from everplace.cli.options import (
+    DropDark,
+    DropStationary,
+    Epochs,
+    Frames,
+    Grey,
+    ImageSize,
+    Json,
+    Minutes,
+    OutDirectory,
+    RouteArgument,
+    Seed,
+)  # fmt: skip
+from everplace.cli.output import one_of, show_progress, show_result
+
+__all__ = ["register", "train"]
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command("train")(train)
+
+
+def train(
+    route: RouteArgument,
+    model: Annotated[str, typer.Option("--model", metavar="vae|c-vae|cp-vae", help="Which model to train.")],
+    out: OutDirectory,
+    conditions: Annotated[
+        str, typer.Option("--conditions", metavar="A,B", help="Traverses or conditions to train on [all].")
+    ] = "",
+    frames: Frames = "",
+    image_size: ImageSize = None,
+    grey: Grey = False,
+    drop_dark: DropDark = False,
+    drop_stationary: DropStationary = False,
+    epochs: Epochs = None,
+    minutes: Minutes = None,
+    seed: Seed = None,
+    recipe: Annotated[str, typer.Option("--recipe", help="faithful: the paper's bound alone.")] = "",
+    config: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--config", metavar="FILE.toml", help="Settings; options given beside it count more."),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue where the run in --out stands.")] = False,
+    devices: Annotated[int, typer.Option("--devices", min=1, help="Devices on this machine (DDP).")] = 1,
+    nodes: Annotated[int, typer.Option("--nodes", min=1, help="Machines (DDP).")] = 1,
+    save_every: Annotated[
+        float, typer.Option("--save-every", metavar="SECONDS", min=0, help="Time between states to resume from.")
+    ] = 60.0,
+    as_json: Json = False,
+) -> None:
+    """Train a model on a route; RUN gets the checkpoint, config.toml and metrics.csv.
+
+    Example: everplace train my-route --model cp-vae --image-size 224 224 --epochs 40 --out runs/cp-vae
+    """
+    from everplace.model.config import MODEL_KINDS
+    from everplace.training.config import DEFAULT_EPOCHS, TrainConfig, read_toml
+
+    one_of(model, "--model", MODEL_KINDS)
+    given: dict[str, Any] = {
+        "conditions": tuple(name for name in conditions.split(",") if name) or None,
+        "frames": frames or None,
+        "image_size": image_size,
+        "grey": grey or None,
+        "drop_dark": drop_dark or None,
+        "drop_stationary": drop_stationary or None,
+        "epochs": epochs,
+        "minutes": minutes,
+        "seed": seed,
+        "recipe": recipe or None,
+    }
+    values = read_toml(config) if config is not None else {}
+    values |= {"model": model} | {key: value for key, value in given.items() if value is not None}
+    if epochs is not None and minutes is None:
+        values.pop("minutes", None)
+    if minutes is not None and epochs is None:
+        values.pop("epochs", None)
+    if "epochs" not in values and "minutes" not in values:
+        values["epochs"] = DEFAULT_EPOCHS
+    checked = TrainConfig.build(**values)
+
+    from everplace.data.route import open_route
+    from everplace.training.fit import train as run_training
+
+    summary = run_training(
+        open_route(route),
+        checked,
+        out,
+        resume=resume,
+        devices=devices,
+        nodes=nodes,
+        save_every=save_every,
+        progress=show_progress(),
+        show=True,
+    )
+    show_result(asdict(summary), as_json)

@@ -1,0 +1,52 @@
+"""A method opened for use from Python: `everplace.load`."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+from everplace.data.traverse import Traverse
+from everplace.describe.descriptors import Descriptors
+from everplace.describe.pipeline import describe_traverse
+from everplace.describe.protocol import Describer
+from everplace.describe.registry import open_describer
+from everplace.progress import Progress, quiet
+
+__all__ = ["Method", "load"]
+
+
+@dataclass(frozen=True)
+class Method:
+    """An opened method.
+
+    Attributes:
+        describer: What describes batches of pixels.
+    """
+
+    describer: Describer
+
+    def describe(self, traverse: Traverse, *, batch: int = 32, progress: Progress = quiet) -> Descriptors:
+        """Describes every frame of a traverse.
+
+        Args:
+            traverse: Such as `route["winter"]`.
+            batch: Images described at once.
+            progress: Told of each image.
+
+        Returns:
+            N×D descriptors, named by the frames' stems.
+
+        Raises:
+            ImageError: A frame cannot be decoded.
+        """
+        return describe_traverse(self.describer, traverse, batch=batch, progress=progress)
+
+
+def load(method: str | os.PathLike[str]) -> Method:
+    """Opens a run directory or a method by name (`sad`, `hog`, ...).
+
+    Raises:
+        MethodError: There is no such method, or it cannot run here.
+        CheckpointError: The run directory is damaged.
+    """
+    return Method(open_describer(os.fspath(method)))

@@ -1,0 +1,57 @@
+"""The best matches of every query under the options of the match."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.describe.descriptors import Descriptors
+from everplace.match.sequence import average_sequences
+from everplace.match.similarity import similarity, top_k
+from everplace.match.standardise import standardise
+
+__all__ = ["best_matches", "compared"]
+
+
+def compared(
+    query: Descriptors, database: Descriptors, standardised: Literal["centre", "full"] | None
+) -> tuple[Descriptors, Descriptors]:
+    """The two sides as they are compared: each standardised by its own mean (and spread), or as they are."""
+    if standardised is None:
+        return query, database
+    return standardise(query, standardised), standardise(database, standardised)
+
+
+def best_matches(
+    query: Descriptors,
+    database: Descriptors,
+    k: int,
+    *,
+    standardised: Literal["centre", "full"] | None = None,
+    sequence: int = 1,
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Finds the K best database frames of every query, best first; equal scores go to the lower index.
+
+    Without sequences the M×N similarity is never held; with them it is.
+
+    Args:
+        query: M descriptors.
+        database: N descriptors.
+        k: Matches for each query; at most N are returned.
+        standardised: See `everplace.match.standardise`.
+        sequence: See `everplace.match.sequence`.
+
+    Returns:
+        Indices and scores, M×min(k, N).
+
+    Raises:
+        DescriptorsError: The two do not come from the same method, settings and dimension.
+    """
+    query, database = compared(query, database, standardised)
+    if sequence == 1:
+        return top_k(query, database, k)
+    S = average_sequences(similarity(query, database), sequence)
+    order = np.argsort(-S, axis=1, kind="stable")[:, :k]
+    return order.astype(np.int64), np.take_along_axis(S, order, axis=1)
