@@ -38,9 +38,9 @@ class RenderConfig(BaseModel):
     conditions: tuple[str, ...] = Field(default=CONDITIONS, min_length=1)
     seed: int = Field(default=0, ge=0, lt=2**63)
     spacing: float = Field(default=12.0, ge=1.0, le=200.0, allow_inf_nan=False)
-    lateral_std: float = Field(default=0.35, ge=0.0, le=1.5, allow_inf_nan=False)
-    longitudinal_std: float = Field(default=0.35, ge=0.0, le=5.0, allow_inf_nan=False)
-    heading_std: float = Field(default=1.2, ge=0.0, le=10.0, allow_inf_nan=False)
+    lateral_std: float = Field(default=0.4, ge=0.0, le=1.5, allow_inf_nan=False)
+    longitudinal_std: float = Field(default=0.4, ge=0.0, le=5.0, allow_inf_nan=False)
+    heading_std: float = Field(default=2.0, ge=0.0, le=10.0, allow_inf_nan=False)
     format: Literal["png", "jpg"] = "png"
     quality: int = Field(default=92, ge=1, le=100)
 

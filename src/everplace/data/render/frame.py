@@ -28,6 +28,7 @@ Pose = tuple[float, float, float]
 """x and y in metres, heading in radians counter-clockwise from the x axis."""
 
 _EYE = 1.9
+_DRAWN_PIXELS = 96 * 192
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,13 +71,13 @@ class Drive:
             H × W × 3, uint8, RGB; always the same for the same arguments.
         """
         height, width = size
-        scale = _oversampling(height, width)
-        layers = self.layers(camera_at(self.world, pose, (height * scale, width * scale)))
+        drawn = _drawn_size(height, width)
+        layers = self.layers(camera_at(self.world, pose, drawn))
         light = layers.light
         rng = np.random.default_rng([self.world.seed, 2, CONDITIONS.index(self.condition), *_digits(pose)])
         if self.look.rain:
             light = add_rain(light, rng)
-        if scale > 1:
+        if drawn != size:
             light = np.asarray(cv2.resize(light, (width, height), interpolation=cv2.INTER_AREA))
         return expose(light, self.look, rng)
 
@@ -89,14 +90,14 @@ class Drive:
         image = np.empty((camera.height, camera.width, 3), np.float32)
         rows = min(camera.height, land.top + int(np.max(np.argmax(land.seen, axis=0), initial=0)) + 1)
         image[:rows] = paint_sky(camera, look, world.grain, rows, 0.12 * camera.x)
-        image[land.top :][land.seen] = ground.colour[land.seen]
+        cv2.copyTo(ground.colour, land.seen.view(np.uint8), image[land.top :])
         depth = np.full((camera.height, camera.width), FAR, np.float32)
         depth[land.top :] = land.depth
         mirror = np.zeros_like(depth)
         mirror[land.top :] = np.where(land.seen, ground.mirror, 0)
 
-        canvas = Canvas(cv2.cvtColor(np.clip(image, 0, 255).astype(np.uint8), cv2.COLOR_RGB2RGBA), depth)
-        sky, land_depth = image, depth.copy()
+        canvas = Canvas(cv2.cvtColor(cv2.convertScaleAbs(image), cv2.COLOR_RGB2RGBA), depth)
+        land_depth = depth.copy()
         mesh = world.scenery.mesh
         plants, faces = visible_plants(world.scenery.plants, camera), visible_faces(mesh, camera)
         sideways = np.array([np.cos(look.sun_azimuth), np.sin(look.sun_azimuth)]) @ np.array(camera.right)
@@ -110,13 +111,14 @@ class Drive:
             self.sprites,
             bool(sideways < 0),
         )
-        light = canvas.colour[..., :3].astype(np.float32)
-        open_sky = canvas.depth >= FAR
-        light[open_sky] = np.maximum(light[open_sky], sky[open_sky] * 0)
+        light = cv2.cvtColor(canvas.colour, cv2.COLOR_RGBA2RGB).astype(np.float32)
         mirror[canvas.depth != land_depth] = 0
+        # Soft edges reach a pixel into the sky: they belong to the object, or they would shine at night.
+        reach = np.asarray(cv2.erode(canvas.depth, np.ones((3, 3), np.uint8)), np.float32)
+        reach[canvas.depth < FAR] = canvas.depth[canvas.depth < FAR]
         if look.dark:
-            light = light_night(light, canvas.depth, camera, look, mesh, faces)
-        add_haze(light, canvas.depth, look)
+            light = light_night(light, reach, camera, look, mesh, faces)
+        add_haze(light, reach, look)
         add_reflections(light, mirror, camera, look)
         return Layers(light, canvas.depth)
 
@@ -159,11 +161,10 @@ def camera_at(world: World, pose: Pose, size: tuple[int, int]) -> Camera:
     return Camera(x, y, here + _EYE, heading, 0.8 * (ahead - here) / 14.0, height, width)
 
 
-def _oversampling(height: int, width: int) -> int:
-    """Drawn pixels per image pixel: small images need more, so that fine things do not flicker."""
-    if height * width > 100_000:
-        return 1
-    return max(2, min(8, -(-224 // max(height, width))))
+def _drawn_size(height: int, width: int) -> tuple[int, int]:
+    """Size to draw at before reduction: small images are drawn larger, so that fine things do not flicker."""
+    scale = float(np.clip(np.sqrt(_DRAWN_PIXELS / (height * width)), 1, 8))
+    return round(height * scale), round(width * scale)
 
 
 def _digits(pose: Pose) -> list[int]:

@@ -50,21 +50,27 @@ def paint_ground(world: World, land: Land, look: Look, shadow: Image, focal: flo
     away = np.abs(land.lateral)
     footprint = land.depth / np.float32(focal)  # metres of ground across one pixel
     patches = sample(world.grain, land.x, land.y, 0.9)
-    grit = sample(world.grain, land.y, land.x, 0.045) * np.minimum(1, 0.03 / footprint)
-    speckle = sample(world.grain, land.x, land.y, 0.12) * np.minimum(1, 0.1 / footprint)
+    speckle = sample(world.terrain.detail, land.x, land.y, 0.035) * np.minimum(1, 0.05 / footprint)
 
     colour = _cover(world, land, look, row, arc, away, patches, footprint)
-    colour *= (1 + 0.10 * patches + 0.22 * speckle + 0.16 * grit)[..., None]
-    _forest(world, land, look, colour)
+    if look.snow:
+        bare = ramp(patches + 0.9 * speckle, 0.22, 0.5) * (0.35 + 0.4 * (away > 9))
+        _mix(colour, (148, 136, 112), bare)
+    colour *= (1 + (0.10 - 0.06 * look.snow) * patches + (0.30 - 0.2 * look.snow) * speckle)[..., None]
+    _forest(world, land, look, patches, colour)
     dull = np.zeros_like(away)
     mirror = np.where(land.water > 0, np.float32(0.25 if look.snow else 0.75), dull)
     if (land.water > 0).any():
         _mix(colour, look.water, land.water * (1 - 0.25 * np.abs(patches)))
 
     near = away < 7.5
+    close = int(np.argmax(land.depth.min(axis=1) < 16))  # fine grain shows in the lowest rows only
+    if land.depth[-1].min() < 16:
+        fine = sample(world.terrain.detail, land.y[close:], land.x[close:], 0.008)
+        speckle[close:] += fine * np.minimum(1, 0.012 / footprint[close:])
     if near.any():
         road_part = _Strip(
-            *(values[near] for values in (land.lateral, arc, footprint, patches, grit, speckle, village))
+            *(values[near] for values in (land.lateral, arc, footprint, patches, speckle, village))
         )
         colour[near], mirror[near] = _road(road_part, look, colour[near])
     colour *= _light(world, land, look, shadow)
@@ -110,15 +116,17 @@ def _cover(
     return colour
 
 
-def _forest(world: World, land: Land, look: Look, colour: Image) -> None:
+def _forest(world: World, land: Land, look: Look, patches: Image, colour: Image) -> None:
     """Closed forest on the near land, woods and bare rock on the mountains; in place."""
     away = np.abs(land.lateral)
-    grain = sample(world.grain, land.y, land.x, 0.35)
     canopy = land.canopy > 1.5
+    # The front of a forest is steep: its texture needs the height as well as the place.
+    climb = np.where(canopy, land.canopy * land.crown, 0)
+    grain = sample(world.grain, land.y + climb, land.x - 0.6 * climb, 0.35)
     if canopy.any():
         needles = np.array(look.needles, np.float32)
         leaves = np.array(look.foliage, np.float32).mean(axis=0) * 0.9
-        share = ramp(sample(world.grain, land.x, land.y, 2.3)[canopy], -0.1, 0.1)[:, None]
+        share = ramp(patches[canopy], -0.15, 0.15)[:, None]
         crowns = needles * 1.15 + (leaves - needles * 1.15) * share
         crowns = crowns * (0.42 + 0.58 * land.crown[canopy] + 0.55 * grain[canopy])[:, None]
         if look.snow:
@@ -138,7 +146,6 @@ class _Strip(NamedTuple):
     arc: Image
     footprint: Image
     patches: Image
-    grit: Image
     speckle: Image
     village: Image
 
@@ -166,7 +173,7 @@ def _road(strip: _Strip, look: Look, colour: Image) -> tuple[Image, Image]:
     )
 
     asphalt = _band(away, _HALF_ROAD, strip.footprint)
-    worn = 1 + 0.05 * strip.patches + 0.20 * strip.grit + 0.04 * np.cos((away - 1.75) * 3.6)
+    worn = 1 + 0.05 * strip.patches + 0.14 * strip.speckle + 0.04 * np.cos((away - 1.75) * 3.6)
     surface = np.array(look.road, np.float32) * worn[:, None]
     lines = np.maximum(
         _band(away - 3.2, 0.07, strip.footprint),
@@ -179,10 +186,8 @@ def _road(strip: _Strip, look: Look, colour: Image) -> tuple[Image, Image]:
         surface += (white - surface) * cover[:, None]
     colour += (surface - colour) * asphalt[:, None]
     if look.leaves == "turning":
-        fallen = ramp(strip.speckle + 0.4 * strip.patches + 0.1 * away, 0.55, 0.75) * np.minimum(
-            1, 0.2 / strip.footprint
-        )
-        _mix(colour, (186, 112, 44), fallen * 0.85)
+        fallen = ramp(0.8 * strip.speckle + 0.5 * strip.patches + 0.12 * away, 0.6, 0.8)
+        _mix(colour, (176, 106, 46), fallen * 0.75)
     puddles = 0.45 + 0.55 * ramp(strip.patches + 0.15 * np.cos((away - 1.75) * 3.6), -0.05, 0.25)
     mirror = look.wet * puddles * asphalt * 0.8
     return colour, mirror.astype(np.float32)
@@ -203,6 +208,7 @@ def _light(world: World, land: Land, look: Look, shadow: Image) -> Image:
     tangent = np.tan(look.sun_elevation)
     length = np.sqrt(1 + land.slope_x**2 + land.slope_y**2)
     facing = (tangent - land.slope_x * ux - land.slope_y * uy) / (length * tangent)
+    facing[land.canopy > 1.5] = 0.8
     drift = 512 * look.cloud_offset[0]
     clouds = sample(world.grain, land.x + np.float32(drift), land.y, 2.6)
     open_sky = ramp(clouds, look.clouds - 0.62, look.clouds - 0.42) if look.clouds < 0.75 else np.float32(1)

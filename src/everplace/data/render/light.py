@@ -32,58 +32,57 @@ def cast_shadows(world: World, camera: Camera, look: Look) -> Image:
         return mask.astype(np.float32)
     length = min(1 / np.tan(look.sun_elevation), 4.5)
     away = (-float(np.cos(look.sun_azimuth)), -float(np.sin(look.sun_azimuth)))
-    for outline in (_crowns(world, camera, away, length), _walls(world.scenery.mesh, camera, away, length)):
-        if not len(outline):
-            continue
-        ground = world.terrain.height_at(outline[..., 0], outline[..., 1])
-        local = camera.local(np.dstack([outline, ground]))
-        ahead = (local[..., 2] > 0.5).any(axis=1)
+    crowns = _crowns(world, camera, away, length)
+    walls = np.repeat(_walls(world.scenery.mesh, camera, away, length), 2, axis=1)
+    outline = np.concatenate([crowns, walls])
+    if len(outline):
+        # The ground is taken as a slope between the foot of the object and the far end of its shadow.
+        points, share = outline[..., :2], outline[..., 3:]
+        tips = points[np.arange(len(points)), share[..., 0].argmax(axis=1)]
+        far = world.terrain.height_at(tips[:, 0], tips[:, 1])[:, None, None]
+        ground = outline[..., 2:3] + share * (far - outline[..., 2:3])
+        local = camera.local(np.concatenate([points, ground], axis=-1))
+        local = local[(local[..., 2] > 0.5).any(axis=1)]
         local[..., 2] = np.maximum(local[..., 2], 0.5)
-        pixels = np.round(camera.project(local) * 16).astype(np.int32)
-        for polygon in pixels[ahead]:
+        for polygon in np.round(camera.project(local) * 16).astype(np.int32):
             cv2.fillConvexPoly(mask, cv2.convexHull(polygon), 255, cv2.LINE_AA, 4)
     blur = max(1, camera.width // 200) * 2 + 1
     return cv2.blur(mask, (blur, 3)).astype(np.float32) * np.float32(0.9 / 255)
 
 
 def _crowns(world: World, camera: Camera, away: tuple[float, float], length: float) -> NDArray[np.float64]:
-    """Outlines of the plants' shadows on the map, n × 10 × 2 in metres."""
+    """Outlines of the plants' shadows, n × 8 × 4: map position, height of the foot, share of the shadow's length."""
     plants = world.scenery.plants
     first, last = np.searchsorted(plants.places[:, 0], (camera.x - 70, camera.x + _SHADOW_REACH))
-    places, sizes = plants.places[first:last, :2], plants.sizes[first:last]
+    places, sizes = plants.places[first:last], plants.sizes[first:last]
     (fx, fy), (rx, ry) = camera.forward, camera.right
-    offset = places - (camera.x, camera.y)
+    offset = places[:, :2] - (camera.x, camera.y)
     depth, side = offset @ (fx, fy), offset @ (rx, ry)
     keep = (depth > -45) & (depth < _SHADOW_REACH) & (np.abs(side) < 0.8 * np.abs(depth) + 50)
     places, sizes = places[keep], sizes[keep]
     turns = np.linspace(0, 2 * np.pi, 9)[:-1]
-    reach = 0.56 + 0.44 * np.cos(turns)
-    spread = 0.40 * np.sin(turns)
+    reach = np.broadcast_to(0.56 + 0.44 * np.cos(turns), (len(places), 8))
     along = sizes[:, :1] * length * reach
-    across = sizes[:, 1:] * spread
+    across = sizes[:, 1:] * (0.40 * np.sin(turns))
     x = places[:, :1] + along * away[0] - across * away[1]
-    y = places[:, 1:] + along * away[1] + across * away[0]
-    return np.stack([x, y], axis=-1)
+    y = places[:, 1:2] + along * away[1] + across * away[0]
+    return np.stack([x, y, np.broadcast_to(places[:, 2:], x.shape), reach], axis=-1)
 
 
 def _walls(mesh: Mesh, camera: Camera, away: tuple[float, float], length: float) -> NDArray[np.float64]:
-    """Outlines of the shadows of walls, roofs, posts and poles on the map, n × 4 × 2 in metres."""
+    """Outlines of the shadows of walls, roofs, posts and poles, n × 4 × 4: as for the crowns."""
     first, last = np.searchsorted(mesh.anchors[:, 0], (camera.x - 40, camera.x + _SHADOW_REACH))
-    offset = mesh.anchors[first:last] - (camera.x, camera.y)
-    depth = offset @ np.array(camera.forward)
-    materials = mesh.materials[first:last]
-    casts = (depth > -30) & (depth < _SHADOW_REACH) & (mesh.thickness[first:last] > 0.05)
-    casts |= (
-        (depth > -30)
-        & (depth < _SHADOW_REACH)
-        & (mesh.ranks[first:last] != 2)
-        & (materials != Material.WHITE)
-    )
-    corners = mesh.corners[first:last][casts & (mesh.thickness[first:last] != 0.035)]
-    if not len(corners):
-        return np.zeros((0, 4, 2))
-    rise = corners[..., 2] - corners[..., 2].min(axis=1, keepdims=True)
-    return np.asarray(corners[..., :2] + (rise * length)[..., None] * np.array(away))
+    part = slice(int(first), int(last))
+    depth = (mesh.anchors[part] - (camera.x, camera.y)) @ np.array(camera.forward)
+    panes = (mesh.ranks[part] == 2) | (mesh.materials[part] == Material.WHITE)
+    posts, wires = mesh.thickness[part] > 0.05, mesh.materials[part] == Material.WIRE
+    casts = (depth > -30) & (depth < _SHADOW_REACH) & (posts | ~panes) & ~wires
+    corners = mesh.corners[part][casts]
+    foot = corners[..., 2:].min(axis=1, keepdims=True)
+    rise = corners[..., 2:] - foot
+    points = corners[..., :2] + rise * length * np.array(away)
+    share = rise / np.maximum(rise.max(axis=1, keepdims=True), 1e-6)
+    return np.concatenate([points, np.broadcast_to(foot, rise.shape), share], axis=-1)
 
 
 def add_haze(image: Image, depth: Image, look: Look) -> None:
@@ -126,7 +125,7 @@ def light_night(image: Image, depth: Image, camera: Camera, look: Look, mesh: Me
     u, v = camera.column_slopes()[None, :], camera.row_slopes()[:, None]
     beam = np.exp(-((u / 0.42) ** 2)) * (1 / (1 + np.exp((v - 0.015 - 0.05 * u) / 0.02)) + 0.05)
     light = (1.25 * beam / (0.5 + (depth / 26) ** 2))[..., None] * np.array((1.0, 0.96, 0.84), np.float32)
-    light = light + np.array((0.045, 0.055, 0.085), np.float32)
+    light = light + np.array((0.085, 0.10, 0.14), np.float32)
     lamps, glow = np.zeros_like(image), np.zeros_like(image)
     materials = mesh.materials[faces.index]
     chance = mesh.chance[faces.index]

@@ -53,6 +53,7 @@ class Mesh:
         thickness: F, metres; 0 for faces.
         anchors: F × 2, ground position of the object the face belongs to: faces are drawn object by object.
         ranks: F, the order of drawing inside an object.
+        extent: F, the longest side in metres: a face that would be smaller than a pixel is not drawn.
         reach: F, the depth in metres up to which the face is drawn.
         chance: F, a fixed random number in [0, 1) for each face (which windows are lit).
     """
@@ -63,6 +64,7 @@ class Mesh:
     thickness: NDArray[np.float64]
     anchors: NDArray[np.float64]
     ranks: NDArray[np.int32]
+    extent: NDArray[np.float64]
     reach: NDArray[np.float64]
     chance: NDArray[np.float64]
 
@@ -154,6 +156,7 @@ class MeshBuilder:
             rest[:, 1],
             rest[:, 2:4],
             rest[:, 4].astype(np.int32),
+            np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1),
             rest[:, 5],
             self.rng.uniform(size=len(rest)),
         )

@@ -13,7 +13,7 @@ from everplace.data.render.camera import Camera
 from everplace.data.render.look import Look
 from everplace.data.render.mesh import Material, Mesh
 from everplace.data.render.scenery import Plants
-from everplace.data.render.sprites import Plant, Sprite
+from everplace.data.render.sprites import LEVELS, SPRITE_SIZE, Plant, Sprite
 
 __all__ = ["Canvas", "Faces", "Standing", "draw_scene", "paint_faces", "visible_faces", "visible_plants"]
 
@@ -97,7 +97,9 @@ def visible_plants(plants: Plants, camera: Camera) -> Standing:
     part = slice(int(first), int(last))
     local = camera.local(plants.places[part])
     depth, size = local[:, 2], plants.sizes[part]
-    keep = (depth > 1.2) & (depth < 330) & (plants.chance[part] < 110 / np.maximum(depth, 1))
+    dense = np.clip(0.5 * camera.focal, 40, 90)  # metres up to which every plant is drawn
+    keep = (depth > 1.2) & (depth < 330) & (plants.chance[part] < dense / np.maximum(depth, 1))
+    keep &= size[:, 0] * camera.focal > 2.5 * depth
     keep &= np.abs(local[:, 0]) - size[:, 1] < depth * (camera.width / 2 / camera.focal)
     local, size, depth = local[keep], size[keep], depth[keep]
     foot = camera.project(local)
@@ -116,10 +118,8 @@ def visible_faces(mesh: Mesh, camera: Camera) -> Faces:
     anchors = mesh.anchors[index]
     (fx, fy), _ = camera.forward, camera.right
     depth = (anchors[:, 0] - camera.x) * fx + (anchors[:, 1] - camera.y) * fy
-    index, depth = (
-        index[(depth < mesh.reach[index]) & (depth > -60)],
-        depth[(depth < mesh.reach[index]) & (depth > -60)],
-    )
+    matters = (depth > -60) & (depth < np.minimum(mesh.reach[index], mesh.extent[index] * camera.focal))
+    index, depth = index[matters], depth[matters]
     local = camera.local(mesh.corners[index])
     half = camera.width / 2 / camera.focal
     z = local[..., 2]
@@ -173,7 +173,7 @@ def draw_scene(
         from_left: Whether the light comes from the left.
     """
     land, land_depth = canvas.colour.copy(), canvas.depth.copy()
-    polygons = _polygons(faces, mesh, camera)
+    polygons, pastings = _polygons(faces, mesh, camera), _pastings(plants, camera)
     depths = np.concatenate([plants.depths, faces.depths])
     ranks = np.concatenate([np.zeros(len(plants.depths), np.int32), mesh.ranks[faces.index]])
     order = np.lexsort((ranks, -depths))
@@ -190,7 +190,7 @@ def draw_scene(
         drawn = True
         if item < len(plants.depths):
             key = (Plant(int(plants.kinds[item])), int(plants.variants[item]), from_left)
-            _paste(canvas, sprites[key], plants.boxes[item], float(plants.depths[item]))
+            _paste(canvas, sprites[key], pastings, item, float(plants.depths[item]))
         else:
             _fill(canvas, polygons, item - len(plants.depths), colours)
 
@@ -244,22 +244,38 @@ def _fill(canvas: Canvas, polygons: _Polygons, face: int, colours: NDArray[np.fl
         cv2.line(canvas.depth, start, end, (depth,), width, cv2.LINE_8, _SHIFT)
 
 
-def _paste(canvas: Canvas, sprite: Sprite, box: NDArray[np.float64], depth: float) -> None:
-    left, top, right, bottom = (float(edge) for edge in box)
-    height, width = canvas.depth.shape
-    x0, y0 = max(0, int(left)), max(0, int(top))
-    x1, y1 = min(width, int(right) + 1), min(height, int(bottom) + 1)
-    if x1 - x0 < 1 or y1 - y0 < 1:
+class _Pasting(NamedTuple):
+    """Where each plant's picture goes: level of the sprite, clipped box (x0, y0, x1, y1) and 2 × 3 warp into it."""
+
+    levels: list[int]
+    boxes: list[list[int]]
+    warps: NDArray[np.float64]
+
+
+def _pastings(plants: Standing, camera: Camera) -> _Pasting:
+    left, top, right, bottom = plants.boxes.T
+    tall, wide = bottom - top, right - left
+    height, width = SPRITE_SIZE
+    levels = np.clip(np.ceil(np.log2(height / (1.6 * np.maximum(tall, 1)))), 0, LEVELS - 1).astype(int)
+    sx, sy = wide / (width >> levels), tall / (height >> levels)
+    low = np.maximum(np.floor(plants.boxes[:, :2]), 0)
+    high = np.minimum(np.floor(plants.boxes[:, 2:]) + 1, (camera.width, camera.height))
+    warps = np.zeros((len(levels), 2, 3))
+    warps[:, 0, 0], warps[:, 1, 1] = sx, sy
+    warps[:, 0, 2] = left - low[:, 0] + 0.5 * sx - 0.5
+    warps[:, 1, 2] = top - low[:, 1] + 0.5 * sy - 0.5
+    return _Pasting(levels.tolist(), np.hstack([low, high]).astype(int).tolist(), warps)
+
+
+def _paste(canvas: Canvas, sprite: Sprite, pasting: _Pasting, item: int, depth: float) -> None:
+    x0, y0, x1, y1 = pasting.boxes[item]
+    if x1 <= x0 or y1 <= y0:
         return
-    level = 0
-    while level + 1 < len(sprite.levels) and sprite.levels[level].shape[0] > 1.6 * (bottom - top):
-        level += 1
-    picture = sprite.levels[level]
-    sx, sy = (right - left) / picture.shape[1], (bottom - top) / picture.shape[0]
-    warp = np.array([[sx, 0, left - x0 + 0.5 * sx - 0.5], [0, sy, top - y0 + 0.5 * sy - 0.5]])
-    patch = cv2.warpAffine(picture, warp, (x1 - x0, y1 - y0), flags=cv2.INTER_LINEAR)
+    picture = sprite.levels[pasting.levels[item]]
+    patch = cv2.warpAffine(picture, pasting.warps[item], (x1 - x0, y1 - y0), flags=cv2.INTER_LINEAR)
     alpha = patch[..., 3]
-    keep = cv2.merge([255 - alpha] * 4)
+    opaque = cv2.bitwise_not(alpha)
     part = canvas.colour[y0:y1, x0:x1]
-    canvas.colour[y0:y1, x0:x1] = cv2.add(cv2.multiply(part, keep, scale=1 / 255), patch)
+    cv2.multiply(part, cv2.merge((opaque, opaque, opaque, opaque)), part, 1 / 255)
+    cv2.add(part, patch, part)
     np.copyto(canvas.depth[y0:y1, x0:x1], np.float32(depth), where=alpha > 110)

@@ -160,6 +160,8 @@ def _forest(planner: _Planner, segment: Segment, side: int, biome: Biome) -> Non
         else:
             kind = Plant.BIRCH if planner.rng.random() < 0.3 else Plant.BROADLEAF
         planner.plant(kind, x, side * away, min(1.0, 0.55 + away / 50))
+    for x, away in planner.scatter(segment, 0.3, 23, 29):  # the forest's edge, in front of the closed canopy
+        planner.plant(Plant.CONIFER if planner.rng.random() < conifers else Plant.BROADLEAF, x, side * away)
     for x, away in planner.scatter(segment, 0.12, 7.5, 11):
         planner.plant(Plant.BUSH, x, side * away)
 

@@ -55,7 +55,8 @@ def paint_sky(
     b = (np.float32(dy)[None, :] * reach + offset[1]).astype(np.float32)
     thick = sample(grain, a, b, 1.0) + 0.35 * sample(grain, b, a, 0.37)
     edge = 0.55 - 1.1 * look.clouds
-    cover = ramp(thick, edge, edge + 0.4) * ramp(up, 0.0, 0.05)
+    # Haze swallows the clouds near the horizon, and the more of them the thicker it is.
+    cover = ramp(thick, edge, edge + 0.4) * ramp(up, 0.0, 0.05 + min(0.3, 80 / look.haze))
     depth = ramp(thick, edge + 0.15, edge + 0.85)[..., None]
     bright, dark = np.array(look.cloud_bright, np.float32), np.array(look.cloud_dark, np.float32)
     sky += (bright + (dark - bright) * depth - sky) * cover[..., None]

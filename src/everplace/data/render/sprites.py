@@ -15,12 +15,15 @@ from numpy.typing import NDArray
 
 from everplace.data.render.look import Colour, Look
 
-__all__ = ["DECIDUOUS", "VARIANTS", "Plant", "Sprite", "grow_sprites"]
+__all__ = ["DECIDUOUS", "LEVELS", "SPRITE_SIZE", "VARIANTS", "Plant", "Sprite", "grow_sprites"]
 
 VARIANTS = 4
 """Different shapes of each plant."""
-_HEIGHT = 224
-_WIDTH = 160
+LEVELS = 5
+"""Pictures of each plant, each with half the sides of the one before."""
+SPRITE_SIZE = (224, 160)
+"""Height and width of the largest."""
+_HEIGHT, _WIDTH = SPRITE_SIZE
 _GROUND = _HEIGHT - 2
 
 
@@ -40,11 +43,11 @@ DECIDUOUS = frozenset({Plant.BROADLEAF, Plant.BIRCH, Plant.POPLAR, Plant.FRUIT, 
 
 _CROWNS = {
     # centre (share of the height from the ground), half height, half width (shares of height and of width), blobs
-    Plant.BROADLEAF: (0.62, 0.34, 0.46, 260),
-    Plant.BIRCH: (0.62, 0.34, 0.30, 170),
-    Plant.POPLAR: (0.54, 0.44, 0.19, 220),
-    Plant.FRUIT: (0.60, 0.34, 0.46, 190),
-    Plant.BUSH: (0.44, 0.42, 0.48, 240),
+    Plant.BROADLEAF: (0.62, 0.35, 0.46, 900),
+    Plant.BIRCH: (0.60, 0.37, 0.32, 620),
+    Plant.POPLAR: (0.54, 0.45, 0.19, 700),
+    Plant.FRUIT: (0.60, 0.34, 0.46, 640),
+    Plant.BUSH: (0.44, 0.42, 0.47, 700),
 }
 
 
@@ -80,9 +83,9 @@ def _picture(plant: Plant, variant: int, look: Look, from_left: bool, rng: np.ra
     share = alpha[..., None].astype(np.float32) / 255
     full = np.dstack([(rgb * share).astype(np.uint8), alpha])
     levels = [full]
-    while min(levels[-1].shape[:2]) > 6:
+    while len(levels) < LEVELS:
         last = levels[-1]
-        size = (max(1, last.shape[1] // 2), max(1, last.shape[0] // 2))
+        size = (last.shape[1] // 2, last.shape[0] // 2)
         levels.append(np.asarray(cv2.resize(last, size, interpolation=cv2.INTER_AREA), np.uint8))
     return Sprite(tuple(levels))
 
@@ -163,21 +166,27 @@ def _branches(
             turn = float(rng.uniform(-0.75, 0.75)) * (0.45 if plant == Plant.POPLAR else 1)
             grow(end, angle * 0.85 + turn, length * float(rng.uniform(0.6, 0.85)), thickness * 0.66)
 
-    top = _HEIGHT * (1 - centre - half_height)
+    top, low = _HEIGHT * (1 - centre - half_height), _HEIGHT * (1 - centre + half_height)
+    if plant == Plant.POPLAR:
+        strokes.append(((middle, float(_GROUND)), (middle, top + 14), 6.0))
+        for row in np.linspace(low, top + 20, 22):
+            for side in (-1, 1):
+                grow(
+                    (middle, float(row)),
+                    side * float(rng.uniform(0.25, 0.5)),
+                    float(rng.uniform(14, 22)),
+                    1.5,
+                )
+        return strokes
     stems = 4 if plant == Plant.BUSH else 1
     for stem in range(stems):
         lean = (stem - (stems - 1) / 2) * 0.45
-        fork = _HEIGHT * (1 - centre + half_height * (0.35 if plant != Plant.BUSH else 0.8))
         base = (middle + lean * 14, float(_GROUND))
-        neck = (middle + lean * 40, fork)
-        strokes.append((base, neck, 9.0 if stems == 1 else 4.0))
-        for angle in np.linspace(-0.8, 0.8, 5) * (half_width / 0.46):
-            grow(
-                neck,
-                float(angle + rng.uniform(-0.15, 0.15) + lean),
-                (fork - top) * 0.33,
-                5.0 if stems == 1 else 2.2,
-            )
+        neck = (middle + lean * 40, low - 0.15 * (low - top))
+        strokes.append((base, neck, 8.0 if stems == 1 else 3.0))
+        for angle in np.linspace(-0.9, 0.9, 6) * (half_width / 0.46):
+            thickness = 4.4 if stems == 1 else 2.0
+            grow(neck, float(angle + rng.uniform(-0.15, 0.15) + lean), (neck[1] - top) * 0.29, thickness)
     return strokes
 
 
@@ -206,15 +215,18 @@ def _broadleaf(
     if look.leaves == "bare":
         return
     centre, half_height, half_width, blobs = _CROWNS[plant]
-    density = {"young": 0.72, "full": 1.0, "turning": 0.7}[look.leaves]
+    density = {"young": 0.6, "full": 1.0, "turning": 0.6}[look.leaves]
     colour = look.reeds if plant == Plant.BUSH else look.foliage[variant]
-    lobes = rng.normal(0, 0.5, (7, 2))
+    lobes = rng.uniform(-0.72, 0.72, (11, 2))
     # All choices are drawn before any depends on the look: the shape stays the same under every condition.
     keep, radius, blossoms = rng.uniform(size=(3, blobs))
     mottle, tints = rng.normal(size=(2, blobs))
-    places = lobes[rng.integers(0, len(lobes), blobs)] + rng.normal(0, 0.34, (blobs, 2))
+    member = rng.integers(0, len(lobes), blobs)
+    places = lobes[member] + rng.normal(0, 0.2, (blobs, 2))
     places /= np.maximum(1, np.linalg.norm(places, axis=1, keepdims=True))
-    order = np.argsort(places[:, 1])  # low and dark first, the lit top last
+    # Lobe by lobe from the bottom up, each with its own dark foot and lit top, as boughs lie over one another.
+    rise = places[:, 1] + 0.9 * (places[:, 1] - lobes[member, 1])
+    order = np.lexsort((places[:, 1], lobes[member, 1]))
     blossom = look.leaves == "young" and plant == Plant.FRUIT
     for index in order:
         if keep[index] > density:
@@ -222,8 +234,8 @@ def _broadleaf(
         u, v = float(places[index, 0]), float(places[index, 1])
         at = (_WIDTH * (0.5 + u * half_width), _HEIGHT * (1 - centre - v * half_height))
         side = -u if from_left else u
-        light = float(np.clip(0.45 + 0.35 * side + 0.35 * v + 0.16 * mottle[index], 0, 1))
+        light = float(np.clip(0.45 + 0.28 * side + 0.36 * rise[index] + 0.13 * mottle[index], 0, 1))
         tint = 1 + 0.14 * float(tints[index])
         white = blossom and blossoms[index] < 0.75
         base: Colour = (246, 226, 230) if white else (colour[0] * tint, colour[1] * tint, colour[2] * tint)
-        _blob(rgb, alpha, at, 3.2 + 5.3 * float(radius[index]), _lit(base, light, look))
+        _blob(rgb, alpha, at, 1.6 + 3.4 * float(radius[index]), _lit(base, light, look))

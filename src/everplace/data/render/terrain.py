@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,8 +17,16 @@ __all__ = ["FAR", "Land", "Surface", "Terrain", "View", "view_terrain"]
 
 FAR = 6000.0
 """Depth in metres behind which there is only sky."""
-_NEAR = 1.2
-_SAMPLES = 150
+# Depths of the samples: dense where the edges of forests and hills are seen, sparse on the road before the wheels.
+_STEPS = np.concatenate(
+    [
+        np.geomspace(1.2, 20, 26, endpoint=False),
+        np.geomspace(20, 400, 96, endpoint=False),
+        np.geomspace(400, FAR, 30),
+    ]
+).astype(np.float32)
+_SAMPLES = len(_STEPS)
+_CROWN = 13.0
 
 
 class Surface(NamedTuple):
@@ -91,7 +100,7 @@ class Terrain:
         copses = ramp(sample(self.hills, y, x, 2.2) + 0.1 * sample(self.detail, x, y, 0.9), 0.16, 0.2)
         crowns = 1 + 0.32 * sample(self.detail, x, y, 0.7)
         return np.asarray(
-            13 * crowns * np.maximum(beside * (away < 260), copses * ramp(away, 110, 125)), np.float32
+            _CROWN * crowns * np.maximum(beside * (away < 260), copses * ramp(away, 110, 125)), np.float32
         )
 
     def height_at(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -111,7 +120,7 @@ class Land(NamedTuple):
         y: World y of the point seen, in metres.
         lateral: Signed distance from the road in metres.
         canopy: Crown height above ground in metres.
-        crown: How high in the crowns the point lies: 0 at the foot of the forest, 1 at its top.
+        crown: How high in the forest the point lies: 0 at its foot, 1 at the height of its crowns.
         water: Lake, 0 to 1.
         slope_x: Rise of the surface along x.
         slope_y: Rise of the surface along y.
@@ -147,67 +156,66 @@ class View(NamedTuple):
 def view_terrain(terrain: Terrain, camera: Camera) -> View:
     """Finds for each pixel the first point of the terrain along its ray.
 
-    Each image column is a vertical plane. Along it the terrain is sampled at depths that grow geometrically; the
+    Each image column is a vertical plane. Along it the terrain is sampled at depths that grow; the
     running maximum of the slope from the camera is sorted, so one binary search per pixel finds the sample that
     hides it.
     """
-    width = camera.width
-    steps = np.geomspace(_NEAR, FAR, _SAMPLES).astype(np.float32)
+    width, coarse = camera.width, -(-camera.width // 2)
+    steps = _STEPS
     sideways = camera.column_slopes()
-    x, y = camera.ground_points(steps[:, None], sideways[None, :])
-    surface = terrain.surface(x, y)
-    rise = (surface.height - np.float32(camera.z)) / steps[:, None]
-    horizon = np.maximum.accumulate(rise, axis=0)
+    # Every other column is sampled; those between are interpolated.
+    fan = np.asarray(cv2.resize(sideways[None], (coarse, 1), interpolation=cv2.INTER_AREA), np.float32)[0]
+    surface = terrain.surface(*camera.ground_points(steps[:, None], fan[None, :]))
+    slope_x, slope_y = _gradient(surface.height - 0.5 * surface.canopy, steps, fan, camera)
 
+    def widen(values: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.asarray(cv2.resize(values, (width, _SAMPLES), interpolation=cv2.INTER_LINEAR), np.float32)
+
+    horizon = np.maximum.accumulate(widen((surface.height - np.float32(camera.z)) / steps[:, None]), axis=0)
     slopes = camera.row_slopes()
     top = int(np.clip(np.searchsorted(-slopes, -float(horizon[-1].max())), 0, camera.height - 1))
     slopes = slopes[top:]
     # One sorted axis for all columns: column c occupies the interval around 100 * c (slopes stay within ±40).
     columns = np.arange(width)
-    bounded = np.clip(horizon, -40, 40).astype(np.float64)
-    keys = (bounded + 100.0 * columns).T.ravel()
+    keys = (np.clip(horizon, -40, 40).astype(np.float64) + 100.0 * columns).T.ravel()
     wanted = np.clip(slopes, -40, 40).astype(np.float64)[:, None] + 100.0 * columns
-    index = np.searchsorted(keys, wanted) - columns * _SAMPLES
+    index = (np.searchsorted(keys, wanted.T.ravel()).reshape(width, -1).T - columns * _SAMPLES).astype(
+        np.int32
+    )
     seen = index < _SAMPLES
-    after = np.clip(index, 1, _SAMPLES - 1).astype(np.int32)
+    after = np.clip(index, 1, _SAMPLES - 1)
 
-    flat = after * width + columns.astype(np.int32)
+    flat = after * np.int32(width) + columns.astype(np.int32)
     low, high = horizon.ravel()[flat - width], horizon.ravel()[flat]
     t = np.clip((slopes[:, None] - low) / np.maximum(high - low, 1e-6), 0, 1)
-    near, far = steps[after - 1], steps[after]
     # On a plane the inverse depth, not the depth, is linear in the slope.
-    depth = 1 / (1 / near + t * (1 / far - 1 / near))
-    depth = np.where(seen, depth, np.float32(FAR)).astype(np.float32)
-    px, py = camera.ground_points(depth, sideways[None, :])
+    inverse = 1 / steps
+    depth = 1 / (inverse[after - 1] + t * (inverse[after] - inverse[after - 1]))
+    depth[~seen] = FAR
+    share = (depth - steps[after - 1]) / (steps[after] - steps[after - 1])
+    lateral = widen(surface.lateral).ravel()
+    lateral = lateral[flat - width] + share * (lateral[flat] - lateral[flat - width])
 
-    def between(values: NDArray[np.float32]) -> NDArray[np.float32]:
-        line = values.ravel()
-        return np.asarray(line[flat - width] + t * (line[flat] - line[flat - width]), np.float32)
-
-    canopy = surface.canopy.ravel()[flat]
-    ground = between(surface.height - surface.canopy)
-    crown = (np.float32(camera.z) + slopes[:, None] * depth - ground) / np.maximum(canopy, 1)
-    slope_x, slope_y = _gradient(surface.height - 0.5 * surface.canopy, x, y, steps, sideways, camera)
-    land = Land(
-        top,
-        seen,
-        depth,
-        px,
-        py,
-        between(surface.lateral),
-        canopy,
-        np.clip(crown, 0, 1),
-        surface.water.ravel()[flat],
-        slope_x.ravel()[flat],
-        slope_y.ravel()[flat],
+    nearest = after * np.int32(coarse) + (columns * coarse // width).astype(np.int32)
+    canopy = surface.canopy.ravel()[nearest]
+    ground = (surface.height - surface.canopy).ravel()[nearest]
+    crown = np.clip((np.float32(camera.z) + slopes[:, None] * depth - ground) / np.float32(_CROWN), 0, 1)
+    water = surface.water.ravel()[nearest]
+    across = np.tile(((columns + 0.5) * coarse / width - 0.5).astype(np.float32), (len(slopes), 1))
+    along = (after - 1 + share).astype(np.float32)
+    slope_x, slope_y = (
+        np.asarray(
+            cv2.remap(values, across, along, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32
+        )
+        for values in (slope_x, slope_y)
     )
+    x, y = camera.ground_points(depth, sideways[None, :])
+    land = Land(top, seen, depth, x, y, lateral, canopy, crown, water, slope_x, slope_y)
     return View(land, steps, horizon)
 
 
 def _gradient(
     height: NDArray[np.float32],
-    x: NDArray[np.float32],
-    y: NDArray[np.float32],
     steps: NDArray[np.float32],
     sideways: NDArray[np.float32],
     camera: Camera,
