@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import torch
 from pydantic import ValidationError
+from torch import Tensor
 
 from everplace.errors import CheckpointError
 from everplace.files import readable
@@ -61,12 +64,22 @@ def load_checkpoint(run: str | Path) -> Checkpoint:
         raise CheckpointError(
             f"{readable(run / CHECKPOINT_NAME)}.json describes no model: {where}: {first['msg']}; train again"
         ) from None
-    model = ConditionVAE(config)
-    try:
-        model.load_state_dict(tensors)
-    except RuntimeError:
-        raise CheckpointError(
-            f"the weights in {readable(run)} do not fit the model that checkpoint.json describes; train again"
-        ) from None
     about = document.get("about")
-    return Checkpoint(model.eval(), about if isinstance(about, dict) else {})
+    return Checkpoint(_model(run, config, tensors).eval(), about if isinstance(about, dict) else {})
+
+
+def _model(run: Path, config: ModelConfig, tensors: dict[str, Tensor]) -> ConditionVAE:
+    """The network with these weights, which must be all that it has and nothing else."""
+    # torch counts in 64 bits and says so in one of these two.
+    with contextlib.suppress(RuntimeError, TypeError):
+        # Without memory of its own the network takes the tensors as they are: no random numbers are drawn for nothing,
+        # and a file that describes a network larger than the machine is refused like any other that does not fit.
+        with torch.device("meta"):
+            model = ConditionVAE(config)
+        wanted = {key: (value.shape, value.dtype) for key, value in model.state_dict().items()}
+        if wanted == {key: (value.shape, value.dtype) for key, value in tensors.items()}:
+            model.load_state_dict(tensors, assign=True)
+            return model
+    raise CheckpointError(
+        f"the weights in {readable(run)} do not fit the model that checkpoint.json describes; train again"
+    )

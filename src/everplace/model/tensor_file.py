@@ -70,7 +70,7 @@ def load_tensors(directory: Path, name: str, format_version: int) -> tuple[dict[
         document = json.loads(path.read_text("utf-8"))
     except FileNotFoundError:
         raise CheckpointError(f"{readable(path)} is missing; {readable(directory)} holds no finished {name}") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise CheckpointError(f"{readable(path)} cannot be read as JSON ({error}); restore it or train again") from None
     if not isinstance(document, dict) or document.get("format") != format_version:
         found = document.get("format") if isinstance(document, dict) else None

@@ -1,0 +1,215 @@
+"""The network's shapes (Table 1 and other sizes), its heads' view of the latent, and where gradients go."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from everplace.model.architecture import ConditionVAE, Encoder, PlaceHead, feature_map, hidden_widths
+from everplace.model.config import MODEL_KINDS, ModelConfig, ModelKind
+
+CONDITIONS = ("summer", "winter")
+
+
+def small_config(kind: ModelKind) -> ModelConfig:
+    return ModelConfig(
+        kind=kind,
+        height=32,
+        width=32,
+        channels=1,
+        conditions=() if kind == "vae" else CONDITIONS,
+        places=5 if kind == "cp-vae" else 0,
+    )
+
+
+def small_model(kind: ModelKind) -> ConditionVAE:
+    with torch.random.fork_rng():
+        torch.manual_seed(3)
+        return ConditionVAE(small_config(kind))
+
+
+def small_batch(frames: int = 4) -> tuple[Tensor, Tensor]:
+    generator = torch.Generator().manual_seed(5)
+    return torch.rand(frames, 1, 32, 32, generator=generator), torch.randn(frames, 128, generator=generator)
+
+
+def shapes_of(layers: list[nn.Module], network: nn.Module, inputs: Tensor) -> list[tuple[int, ...]]:
+    """Output shapes of the layers, without the batch, when the network is applied."""
+    shapes: list[tuple[int, ...]] = []
+    hooks = [layer.register_forward_hook(lambda _, __, out: shapes.append(tuple(out.shape[1:]))) for layer in layers]
+    network(inputs)
+    for hook in hooks:
+        hook.remove()
+    return shapes
+
+
+def test_encoder_is_table_1_layer_by_layer() -> None:
+    with torch.device("meta"):
+        encoder = Encoder(ModelConfig(kind="vae")).eval()
+        layers: list[nn.Module] = [
+            *encoder.convolutions,
+            *encoder.fully_connected,
+            encoder.z_mean,
+            encoder.z_log_variance,
+        ]
+        # The last two run in the other order inside forward; both have 128 values.
+        shapes = shapes_of(layers, encoder, torch.empty(1, 3, 224, 224))
+    assert shapes == [
+        (32, 112, 112),
+        (64, 56, 56),
+        (64, 28, 28),
+        (128, 14, 14),
+        (128, 7, 7),
+        (4096,),
+        (2048,),
+        (1024,),
+        (512,),
+        (128,),
+        (128,),
+    ]
+    first = encoder.fully_connected[0]
+    assert isinstance(first, nn.Sequential)
+    assert isinstance(first[0], nn.Linear)
+    assert first[0].in_features == 6272
+
+
+def test_decoder_mirrors_table_1() -> None:
+    with torch.device("meta"):
+        model = ConditionVAE(ModelConfig(kind="vae")).eval()
+        decoder = model.decoder
+        layers: list[nn.Module] = [*decoder.fully_connected, *decoder.convolutions, decoder.output]
+        shapes = shapes_of(layers, decoder, torch.empty(1, 128))
+    assert shapes == [
+        (512,),
+        (1024,),
+        (2048,),
+        (4096,),
+        (6272,),
+        (128, 14, 14),
+        (64, 28, 28),
+        (64, 56, 56),
+        (32, 112, 112),
+        (3, 224, 224),
+    ]
+
+
+def test_a_32_by_64_image_keeps_a_4_by_8_map_and_starts_the_chain_at_2048() -> None:
+    assert feature_map(32, 64) == (3, 4, 8)
+    assert hidden_widths(128 * 4 * 8) == (2048, 1024, 512)
+    with torch.device("meta"):
+        encoder = Encoder(ModelConfig(kind="vae", height=32, width=64, channels=1)).eval()
+        shapes = shapes_of([*encoder.convolutions, *encoder.fully_connected], encoder, torch.empty(1, 1, 32, 64))
+    assert shapes == [
+        (32, 16, 32),
+        (64, 8, 16),
+        (64, 4, 8),
+        (128, 4, 8),
+        (128, 4, 8),
+        (2048,),
+        (1024,),
+        (512,),
+    ]
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize(("height", "width"), [(32, 32), (64, 32), (96, 160), (128, 128), (480, 640), (32, 1024)])
+def test_other_sizes_and_grey_come_back_as_they_went_in(height: int, width: int, channels: int) -> None:
+    config = ModelConfig.model_validate({"kind": "vae", "height": height, "width": width, "channels": channels})
+    halvings, rows, columns = feature_map(height, width)
+    assert min(rows, columns) >= 4
+    assert halvings == 5 or min(height, width) >> (halvings + 1) < 4
+    with torch.device("meta"):
+        model = ConditionVAE(config).eval()
+        posterior = model.encoder(torch.empty(2, channels, height, width))
+        reconstruction = model.decoder(torch.empty(2, 128))
+    assert posterior.mean.shape == posterior.log_variance.shape == (2, 128)
+    assert reconstruction.shape == (2, channels, height, width)
+
+
+@pytest.mark.parametrize("kind", MODEL_KINDS)
+def test_each_kind_owns_the_heads_of_its_equation(kind: ModelKind) -> None:
+    model = small_model(kind)
+    output = model(*small_batch())
+    names = {name.split(".")[0] for name, _ in model.named_parameters()}
+    heads = {"vae": set(), "c-vae": {"condition_head"}, "cp-vae": {"condition_head", "place_head"}}[kind]
+    assert names == {"encoder", "decoder"} | heads
+    assert (output.condition_logits is None) == (kind == "vae")
+    assert (output.place_logits is None) == (kind != "cp-vae")
+    if output.condition_logits is not None:
+        assert output.condition_logits.shape == (4, 2)
+    if output.place_logits is not None:
+        assert output.place_logits.shape == (4, 5)
+
+
+def test_place_head_sees_only_z_p_and_condition_head_only_z_c() -> None:
+    output = small_model("cp-vae")(*small_batch())
+    (from_place,) = torch.autograd.grad(output.place_logits[:, 0].sum(), output.z, retain_graph=True)
+    (from_condition,) = torch.autograd.grad(output.condition_logits[:, 0].sum(), output.z, retain_graph=True)
+    (from_image,) = torch.autograd.grad(output.reconstruction.square().sum(), output.z)
+    # z_p is the first 96 of 128 and z_c the last 32.
+    assert torch.all(from_place[:, :96] != 0)
+    assert torch.all(from_place[:, 96:] == 0)
+    assert torch.all(from_condition[:, :96] == 0)
+    assert torch.all(from_condition[:, 96:] != 0)
+    assert torch.all(from_image != 0)
+
+
+def test_descriptor_is_the_mean_of_z_p_and_all_of_z_for_the_plain_vae() -> None:
+    images, _ = small_batch()
+    for kind, size in (("vae", 128), ("c-vae", 96), ("cp-vae", 96)):
+        model = small_model(kind).eval()  # type: ignore[arg-type]
+        with torch.no_grad():
+            descriptor = model.descriptor(images)
+            mean = model.encoder(images).mean
+        assert descriptor.shape == (4, size)
+        assert torch.equal(descriptor, mean[:, :size])
+
+
+def test_sample_is_the_mean_when_the_noise_is_zero() -> None:
+    model = small_model("vae").eval()
+    images, noise = small_batch()
+    with torch.no_grad():
+        output = model(images, torch.zeros_like(noise))
+        assert torch.equal(output.z, output.posterior.mean)
+        assert torch.equal(output.reconstruction, model.decoder(output.posterior.mean))
+
+
+def test_place_logits_are_scaled_cosines() -> None:
+    head = PlaceHead(dimensions=3, places=2)
+    with torch.no_grad():
+        head.places.copy_(torch.tensor([[2.0, 0.0, 0.0], [0.0, 3.0, 4.0]]))
+        head.log_scale.fill_(0.0)
+        logits = head(torch.tensor([[5.0, 0.0, 0.0], [1.0, 1.0, 0.0]]))
+    assert torch.allclose(logits, torch.tensor([[1.0, 0.0], [0.5**0.5, 0.6 * 0.5**0.5]]))
+
+
+def test_posterior_and_reconstruction_are_float32_under_autocast() -> None:
+    model = small_model("cp-vae")
+    images, noise = small_batch(2)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        output = model(images, noise)
+    assert output.condition_logits is not None
+    assert output.place_logits is not None
+    for tensor in (
+        output.posterior.mean,
+        output.posterior.log_variance,
+        output.reconstruction,
+        output.condition_logits,
+        output.place_logits,
+    ):
+        assert tensor.dtype == torch.float32
+
+
+def test_log_variance_stays_finite_for_wild_inputs() -> None:
+    model = small_model("vae").eval()
+    with torch.no_grad():
+        posterior = model.encoder(torch.full((2, 1, 32, 32), 1e6))
+    assert torch.all(posterior.log_variance.abs() <= 10)
+    assert torch.isfinite(posterior.log_variance.exp()).all()
+
+
+def test_log_sigma_travels_with_the_weights_and_is_not_trained() -> None:
+    model = small_model("vae")
+    assert "log_sigma" in model.state_dict()
+    assert "log_sigma" not in dict(model.named_parameters())

@@ -1,0 +1,127 @@
+"""A model on disk: what comes back is bit-identical, and what does not fit is one clear error."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from everplace.errors import CheckpointError
+from everplace.model.architecture import ConditionVAE
+from everplace.model.checkpoint import load_checkpoint, save_checkpoint
+from everplace.model.config import MODEL_KINDS, ModelConfig, ModelKind
+from everplace.model.tensor_file import load_tensors, save_tensors
+
+
+def small_model(kind: ModelKind, seed: int = 0) -> ConditionVAE:
+    config = ModelConfig(
+        kind=kind, height=32, width=32, channels=1, conditions=("a", "b") if kind != "vae" else (),
+        places=3 if kind == "cp-vae" else 0, place_dimensions=6, condition_dimensions=2,
+    )  # fmt: skip
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        return ConditionVAE(config)
+
+
+@pytest.mark.parametrize("kind", MODEL_KINDS)
+def test_round_trip_gives_bit_identical_outputs(tmp_path: Path, kind: ModelKind) -> None:
+    model = small_model(kind)
+    images, noise = torch.rand(4, 1, 32, 32), torch.randn(4, 8)
+    model(images, noise)  # moves the running statistics away from their start
+    model.log_sigma.fill_(-1.25)
+    save_checkpoint(tmp_path, model, {"epoch": 7, "value": 0.5})
+    loaded = load_checkpoint(tmp_path)
+    assert loaded.about == {"epoch": 7, "value": 0.5}
+    assert loaded.model.config == model.config
+    assert not loaded.model.training
+    with torch.no_grad():
+        before, after = model.eval()(images, noise), loaded.model(images, noise)
+    assert torch.equal(before.posterior.mean, after.posterior.mean)
+    assert torch.equal(before.posterior.log_variance, after.posterior.log_variance)
+    assert torch.equal(before.reconstruction, after.reconstruction)
+    assert loaded.model.log_sigma == -1.25
+    for one, other in ((before.condition_logits, after.condition_logits), (before.place_logits, after.place_logits)):
+        assert (one is None) == (other is None)
+        assert one is None or other is None or torch.equal(one, other)
+
+
+def test_loading_draws_no_random_numbers_and_gives_trainable_weights(tmp_path: Path) -> None:
+    save_checkpoint(tmp_path, small_model("cp-vae"), {})
+    before = torch.random.get_rng_state()
+    model = load_checkpoint(str(tmp_path)).model
+    assert torch.equal(torch.random.get_rng_state(), before)
+    assert all(parameter.requires_grad and not parameter.is_meta for parameter in model.parameters())
+    assert all(not buffer.is_meta for buffer in model.buffers())
+
+
+def test_saving_leaves_the_model_as_it_is(tmp_path: Path) -> None:
+    model = small_model("vae")
+    save_checkpoint(tmp_path, model, {})
+    assert model.training
+
+
+def test_what_is_no_run_directory_is_named(tmp_path: Path) -> None:
+    with pytest.raises(CheckpointError, match="nowhere is not a run directory"):
+        load_checkpoint(tmp_path / "nowhere")
+    with pytest.raises(CheckpointError, match=r"checkpoint\.json is missing"):
+        load_checkpoint(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"kind": "magic"}, "kind"),
+        ({"height": 33}, "33x32 is not a multiple of 32"),
+        ({"latent": 5}, "latent: Extra inputs"),
+        (None, "model"),
+    ],
+)
+def test_a_model_that_cannot_be_is_named(tmp_path: Path, change: dict[str, Any] | None, message: str) -> None:
+    save_checkpoint(tmp_path, small_model("vae"), {})
+    path = tmp_path / "checkpoint.json"
+    document = json.loads(path.read_text())
+    document["model"] = None if change is None else {**document["model"], **change}
+    path.write_text(json.dumps(document))
+    with pytest.raises(CheckpointError, match=rf"checkpoint\.json describes no model: .*{message}"):
+        load_checkpoint(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"place_dimensions": 7},
+        {"kind": "c-vae", "conditions": ["a", "b"]},
+        {"height": 64},
+        {"height": 32_000_000_000, "width": 32_000_000_000},
+        {"place_dimensions": 10**15},
+        {"place_dimensions": 10**30},
+    ],
+    ids=["latent", "head", "size", "image for no machine", "latent for no machine", "beyond 64 bits"],
+)
+def test_weights_that_do_not_fit_are_refused(tmp_path: Path, change: dict[str, Any]) -> None:
+    save_checkpoint(tmp_path, small_model("vae"), {})
+    path = tmp_path / "checkpoint.json"
+    document = json.loads(path.read_text())
+    document["model"].update(change)
+    path.write_text(json.dumps(document))
+    with pytest.raises(CheckpointError, match=f"the weights in {tmp_path} do not fit"):
+        load_checkpoint(tmp_path)
+
+
+def test_weights_of_another_precision_are_refused(tmp_path: Path) -> None:
+    save_checkpoint(tmp_path, small_model("vae"), {})
+    tensors, document = load_tensors(tmp_path, "checkpoint", 1)
+    save_tensors(tmp_path, "checkpoint", {key: value.double() for key, value in tensors.items()}, document)
+    with pytest.raises(CheckpointError, match="do not fit"):
+        load_checkpoint(tmp_path)
+
+
+def test_saving_over_an_older_model_replaces_it(tmp_path: Path) -> None:
+    save_checkpoint(tmp_path, small_model("vae", seed=1), {"epoch": 1})
+    save_checkpoint(tmp_path, small_model("c-vae", seed=2), {"epoch": 2})
+    loaded = load_checkpoint(tmp_path)
+    assert (loaded.model.config.kind, loaded.about) == ("c-vae", {"epoch": 2})
+    assert len(list(tmp_path.iterdir())) == 2
