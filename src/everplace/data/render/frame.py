@@ -17,7 +17,7 @@ from everplace.data.render.look import Look, look_of_drive
 from everplace.data.render.painter import Canvas, draw_scene, paint_faces, visible_faces, visible_plants
 from everplace.data.render.road import Column
 from everplace.data.render.sky import paint_sky
-from everplace.data.render.sprites import Plant, Sprite, grow_sprites
+from everplace.data.render.sprites import Nursery
 from everplace.data.render.terrain import FAR, view_terrain
 from everplace.data.render.world import World
 from everplace.errors import ConfigError
@@ -52,13 +52,13 @@ class Drive:
         world: The world.
         condition: Name of the condition.
         look: The condition as it was on this drive.
-        sprites: Pictures of all plants under this look.
+        nursery: Grows the pictures of the plants under this look.
     """
 
     world: World
     condition: str
     look: Look
-    sprites: dict[tuple[Plant, int, bool], Sprite]
+    nursery: Nursery
 
     def frame(self, pose: Pose, size: tuple[int, int]) -> NDArray[np.uint8]:
         """Takes the picture at a pose.
@@ -84,7 +84,7 @@ class Drive:
     def layers(self, camera: Camera) -> Layers:
         """Draws the scene in front of a camera."""
         world, look = self.world, self.look
-        land, _, _ = view_terrain(world.terrain, camera)
+        land = view_terrain(world.terrain, camera)
         shadow = cast_shadows(world, camera, look)
         ground = paint_ground(world, land, look, shadow[land.top :], camera.focal)
         image = np.empty((camera.height, camera.width, 3), np.float32)
@@ -96,7 +96,9 @@ class Drive:
         mirror = np.zeros_like(depth)
         mirror[land.top :] = np.where(land.seen, ground.mirror, 0)
 
-        canvas = Canvas(cv2.cvtColor(cv2.convertScaleAbs(image), cv2.COLOR_RGB2RGBA), depth)
+        canvas = Canvas(
+            np.asarray(cv2.cvtColor(cv2.convertScaleAbs(image), cv2.COLOR_RGB2RGBA), np.uint8), depth
+        )
         land_depth = depth.copy()
         mesh = world.scenery.mesh
         plants, faces = visible_plants(world.scenery.plants, camera), visible_faces(mesh, camera)
@@ -108,7 +110,7 @@ class Drive:
             faces,
             mesh,
             paint_faces(mesh, faces, look),
-            self.sprites,
+            self.nursery,
             bool(sideways < 0),
         )
         light = cv2.cvtColor(canvas.colour, cv2.COLOR_RGBA2RGB).astype(np.float32)
@@ -117,14 +119,14 @@ class Drive:
         reach = np.asarray(cv2.erode(canvas.depth, np.ones((3, 3), np.uint8)), np.float32)
         reach[canvas.depth < FAR] = canvas.depth[canvas.depth < FAR]
         if look.dark:
-            light = light_night(light, reach, camera, look, mesh, faces)
+            light = light_night(light, reach, camera, mesh, faces)
         add_haze(light, reach, look)
         add_reflections(light, mirror, camera, look)
         return Layers(light, canvas.depth)
 
 
 def open_drive(world: World, condition: str) -> Drive:
-    """Prepares a drive: its sun and clouds, and the pictures of its plants.
+    """Prepares a drive: its sun, its clouds and its plants.
 
     Raises:
         ConfigError: There is no such condition.
@@ -132,7 +134,7 @@ def open_drive(world: World, condition: str) -> Drive:
     if condition not in CONDITIONS:
         raise ConfigError(f"cannot render the condition {condition!r}: choose from {', '.join(CONDITIONS)}")
     look = look_of_drive(condition, np.random.default_rng([world.seed, 1, CONDITIONS.index(condition)]))
-    return Drive(world, condition, look, grow_sprites(look))
+    return Drive(world, condition, look, Nursery(look))
 
 
 def render_frame(world: World, condition: str, pose: Pose, size: tuple[int, int]) -> NDArray[np.uint8]:
@@ -169,4 +171,4 @@ def _drawn_size(height: int, width: int) -> tuple[int, int]:
 
 def _digits(pose: Pose) -> list[int]:
     """A pose as whole numbers of 0.1 mm and 0.1 mrad, to seed the noise of its frame."""
-    return [int(round(value * 1e4)) % 2**32 for value in pose]
+    return [round(value * 1e4) % 2**32 for value in pose]

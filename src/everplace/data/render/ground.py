@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from everplace.data.render.world import World
 __all__ = ["Ground", "paint_ground"]
 
 Image = NDArray[np.float32]
+Real = NDArray[np.floating[Any]]
 
 _HALF_ROAD = 3.5
 _CURB = 5.6
@@ -77,7 +78,7 @@ def paint_ground(world: World, land: Land, look: Look, shadow: Image, focal: flo
     return Ground(colour, mirror.astype(np.float32))
 
 
-def _mix(colour: Image, other: Colour, weight: NDArray[np.float32]) -> None:
+def _mix(colour: Real, other: Colour, weight: Real) -> None:
     """Moves `colour` towards another by a weight in [0, 1] per pixel, in place."""
     share = weight[..., None].astype(np.float32)
     colour += (np.array(other, np.float32) - colour) * share
@@ -121,7 +122,7 @@ def _forest(world: World, land: Land, look: Look, patches: Image, colour: Image)
     away = np.abs(land.lateral)
     canopy = land.canopy > 1.5
     # The front of a forest is steep: its texture needs the height as well as the place.
-    climb = np.where(canopy, land.canopy * land.crown, 0)
+    climb = land.canopy * land.crown * canopy
     grain = sample(world.grain, land.y + climb, land.x - 0.6 * climb, 0.35)
     if canopy.any():
         needles = np.array(look.needles, np.float32)
@@ -150,7 +151,7 @@ class _Strip(NamedTuple):
     village: Image
 
 
-def _band(value: Image, half: float, footprint: Image) -> Image:
+def _band(value: Real, half: float, footprint: Image) -> Image:
     """Share of a pixel that a strip of ±`half` metres around value 0 covers."""
     return np.asarray(
         np.clip((half - np.abs(value)) / footprint + 0.5, 0, 1) * np.minimum(1, 2 * half / footprint)
@@ -162,7 +163,7 @@ def _road(strip: _Strip, look: Look, colour: Image) -> tuple[Image, Image]:
     away = np.abs(strip.lateral)
     white = np.array((226, 230, 238), np.float32)
     colour = colour.copy()
-    gravel = _band(away - 4.1, 0.75 + 0.5 * 0, strip.footprint) * (1 - strip.village)
+    gravel = _band(away - 4.1, 0.75, strip.footprint) * (1 - strip.village)
     _mix(colour, _snowed((142, 130, 112), look, 0.85), gravel * np.clip(0.8 + strip.speckle, 0, 1))
     pavement = _band(away - (3.5 + _CURB) / 2, (_CURB - 3.5) / 2, strip.footprint) * strip.village
     slabs = 1 - 0.18 * _band(np.mod(strip.arc, 1.2) - 0.6, 0.05, strip.footprint)
@@ -204,8 +205,8 @@ def _light(world: World, land: Land, look: Look, shadow: Image) -> Image:
     shade, sun = np.array(look.shade_colour, np.float32), np.array(look.sun_colour, np.float32)
     if not look.sun:
         return np.broadcast_to(shade, (*land.depth.shape, 3))
-    ux, uy = np.cos(look.sun_azimuth), np.sin(look.sun_azimuth)
-    tangent = np.tan(look.sun_elevation)
+    ux, uy = float(np.cos(look.sun_azimuth)), float(np.sin(look.sun_azimuth))
+    tangent = float(np.tan(look.sun_elevation))
     length = np.sqrt(1 + land.slope_x**2 + land.slope_y**2)
     facing = (tangent - land.slope_x * ux - land.slope_y * uy) / (length * tangent)
     facing[land.canopy > 1.5] = 0.8

@@ -24,9 +24,9 @@ def add_rain(image: Image, rng: np.random.Generator) -> Image:
         end = (int((x + slant * length) * 16), int((y + length) * 16))
         strength = float(rng.uniform(0.06, 0.22))
         cv2.line(streaks, (int(x * 16), int(y * 16)), end, strength, max(1, width // 400), cv2.LINE_8, 4)
-    streaks = cv2.blur(streaks, (1, max(1, height // 60)))
-    wet = image + (205 - image) * streaks[..., None]
-    soft = cv2.blur(wet, (max(1, width // 24),) * 2)
+    falling = cv2.blur(streaks, (1, max(1, height // 60)))
+    wet = image + (205 - image) * falling[..., None]
+    soft = np.asarray(cv2.blur(wet, (max(1, width // 24),) * 2), np.float32)
     for _ in range(int(rng.integers(10, 22))):
         radius = float(rng.gamma(2.5, 0.006)) * width + 1
         x, y = int(rng.uniform(0, width)), int(rng.uniform(0, height))

@@ -111,14 +111,13 @@ def add_reflections(image: Image, mirror: Image, camera: Camera, look: Look) -> 
     image[rows, columns] += (reflected - image[rows, columns]) * share
 
 
-def light_night(image: Image, depth: Image, camera: Camera, look: Look, mesh: Mesh, faces: Faces) -> Image:
+def light_night(image: Image, depth: Image, camera: Camera, mesh: Mesh, faces: Faces) -> Image:
     """Turns evenly lit colours into night: headlights, street lamps, lit windows and their glow.
 
     Args:
         image: H × W × 3, RGB as under an overcast sky; the sky is already dark.
         depth: H × W in metres.
         camera: The camera.
-        look: The appearance.
         mesh: The mesh the faces belong to.
         faces: Faces in view.
     """
@@ -127,8 +126,8 @@ def light_night(image: Image, depth: Image, camera: Camera, look: Look, mesh: Me
     light = (1.25 * beam / (0.5 + (depth / 26) ** 2))[..., None] * np.array((1.0, 0.96, 0.84), np.float32)
     light = light + np.array((0.085, 0.10, 0.14), np.float32)
     lamps, glow = np.zeros_like(image), np.zeros_like(image)
-    materials = mesh.materials[faces.index]
-    chance = mesh.chance[faces.index]
+    materials = mesh.materials[faces.chosen]
+    chance = mesh.chance[faces.chosen]
     shines = (materials == Material.LAMP) | ((materials == Material.GLASS) & (chance < _LIT_WINDOWS))
     for face in np.flatnonzero(shines & (faces.local[..., 2].min(axis=1) > 0.5)):
         if materials[face] == Material.LAMP:

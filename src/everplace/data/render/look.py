@@ -160,6 +160,7 @@ LOOKS: dict[str, Look] = {
         noise=2.5,
     ),
     "night": Look(
+        sun_elevation=0.3,
         sun=0.0,
         shade_colour=(0.9, 0.9, 0.9),
         zenith=(14, 19, 38),

@@ -36,7 +36,6 @@ class Material(IntEnum):
     WIRE = 17
     CONCRETE = 18
     LAMP = 19
-    ROOF_STRAW = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +78,7 @@ class MeshBuilder:
 
     rng: np.random.Generator
     _corners: list[tuple[Point, Point, Point, Point]] = field(default_factory=list)
-    _normals: list[Point] = field(default_factory=list)
+    _inside: list[Point] = field(default_factory=list)
     _rest: list[tuple[int, float, float, float, int, float]] = field(default_factory=list)
 
     def face(
@@ -103,16 +102,7 @@ class MeshBuilder:
             reach: Depth up to which it is drawn, in metres.
         """
         quad = (points[0], points[1], points[2], points[-1])
-        normal = np.zeros(3)
-        if inside is not None:
-            a, b, c = (np.array(p) for p in points[:3])
-            normal = np.cross(b - a, c - a)
-            normal /= max(float(np.linalg.norm(normal)), 1e-9)
-            if normal @ (a - np.array(inside)) < 0:
-                normal = -normal
-        self._add(
-            quad, (float(normal[0]), float(normal[1]), float(normal[2])), material, 0.0, anchor, rank, reach
-        )
+        self._add(quad, inside, material, 0.0, anchor, rank, reach)
 
     def stroke(
         self,
@@ -126,12 +116,12 @@ class MeshBuilder:
         reach: float = 200.0,
     ) -> None:
         """Adds a line with a thickness in metres: a pole, a rail, a wire."""
-        self._add((start, end, end, end), (0.0, 0.0, 0.0), material, thickness, anchor, rank, reach)
+        self._add((start, end, end, end), None, material, thickness, anchor, rank, reach)
 
     def _add(
         self,
         quad: tuple[Point, Point, Point, Point],
-        normal: Point,
+        inside: Point | None,
         material: Material,
         thickness: float,
         anchor: tuple[float, float],
@@ -139,7 +129,7 @@ class MeshBuilder:
         reach: float,
     ) -> None:
         self._corners.append(quad)
-        self._normals.append(normal)
+        self._inside.append(inside or (np.nan, np.nan, np.nan))
         self._rest.append((int(material), thickness, anchor[0], anchor[1], rank, reach))
 
     def build(self) -> Mesh:
@@ -147,7 +137,7 @@ class MeshBuilder:
         rest = np.array(self._rest, np.float64).reshape(-1, 6)
         order = np.argsort(rest[:, 2], kind="stable")
         corners = np.array(self._corners, np.float64).reshape(-1, 4, 3)[order]
-        normals = np.array(self._normals, np.float64).reshape(-1, 3)[order]
+        normals = _outward(corners, np.array(self._inside, np.float64).reshape(-1, 3)[order])
         rest = rest[order]
         return Mesh(
             corners,
@@ -160,3 +150,13 @@ class MeshBuilder:
             rest[:, 5],
             self.rng.uniform(size=len(rest)),
         )
+
+
+def _outward(corners: NDArray[np.float64], inside: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit normals of faces, away from a point inside their objects; zero where that point is not a number."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+    inward = ((corners[:, 0] - inside) * normals).sum(axis=1) < 0
+    normals[inward] *= -1
+    normals[np.isnan(inside[:, 0])] = 0
+    return normals

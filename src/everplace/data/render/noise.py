@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +72,7 @@ def profile(rng: np.random.Generator, length: int, correlation: float) -> NDArra
     return np.convolve(rng.standard_normal(length + 2 * reach), kernel, mode="valid")
 
 
-def ramp(values: NDArray[np.float32], low: float, high: float) -> NDArray[np.float32]:
+def ramp(values: NDArray[np.floating[Any]], low: float, high: float) -> NDArray[np.float32]:
     """Rises smoothly from 0 at `low` to 1 at `high` (cubic), and stays there."""
     t = np.clip((values - np.float32(low)) / np.float32(high - low), 0, 1)
     return np.asarray(t * t * (3 - 2 * t), np.float32)

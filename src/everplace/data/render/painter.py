@@ -13,7 +13,7 @@ from everplace.data.render.camera import Camera
 from everplace.data.render.look import Look
 from everplace.data.render.mesh import Material, Mesh
 from everplace.data.render.scenery import Plants
-from everplace.data.render.sprites import LEVELS, SPRITE_SIZE, Plant, Sprite
+from everplace.data.render.sprites import LEVELS, SPRITE_SIZE, Nursery, Plant, Sprite
 
 __all__ = ["Canvas", "Faces", "Standing", "draw_scene", "paint_faces", "visible_faces", "visible_plants"]
 
@@ -43,7 +43,6 @@ _COLOURS: dict[Material, tuple[float, float, float]] = {
     Material.WIRE: (52, 52, 56),
     Material.CONCRETE: (172, 170, 166),
     Material.LAMP: (236, 232, 214),
-    Material.ROOF_STRAW: (150, 128, 84),
 }
 _PALETTE = np.array([_COLOURS[material] for material in Material], np.float64)
 
@@ -81,12 +80,12 @@ class Faces(NamedTuple):
     """Faces in view.
 
     Attributes:
-        index: n, which faces of the mesh.
+        chosen: n, which faces of the mesh.
         local: n × 4 × 3, corners as (right, up, depth) in metres.
         depths: n, depth of the object for the order of drawing, in metres.
     """
 
-    index: NDArray[np.int64]
+    chosen: NDArray[np.intp]
     local: NDArray[np.float64]
     depths: NDArray[np.float64]
 
@@ -134,11 +133,11 @@ def visible_faces(mesh: Mesh, camera: Camera) -> Faces:
 
 def paint_faces(mesh: Mesh, faces: Faces, look: Look) -> NDArray[np.float64]:
     """Returns the colour of each face in view, n × 3, lit."""
-    normals, materials = mesh.normals[faces.index], mesh.materials[faces.index]
+    normals, materials = mesh.normals[faces.chosen], mesh.materials[faces.chosen]
     colours = _PALETTE[materials]
     glass = materials == Material.GLASS
     colours[glass] += (np.array(look.horizon) - colours[glass]) * 0.25
-    colours *= (0.92 + 0.16 * mesh.chance[faces.index])[:, None]
+    colours *= (0.92 + 0.16 * mesh.chance[faces.chosen])[:, None]
     upward = np.clip((normals[:, 2] - 0.25) / 0.3, 0, 1)[:, None]
     colours += (np.array((232, 236, 244)) - colours) * upward * look.snow
     colours *= 1 - 0.3 * look.wet * upward
@@ -157,7 +156,7 @@ def draw_scene(
     faces: Faces,
     mesh: Mesh,
     colours: NDArray[np.float64],
-    sprites: dict[tuple[Plant, int, bool], Sprite],
+    nursery: Nursery,
     from_left: bool,
 ) -> None:
     """Draws plants and faces onto the canvas, in place.
@@ -169,13 +168,13 @@ def draw_scene(
         faces: Faces in view.
         mesh: The mesh the faces belong to.
         colours: Colour of each face, n × 3.
-        sprites: Pictures of the plants.
+        nursery: Has the pictures of the plants.
         from_left: Whether the light comes from the left.
     """
     land, land_depth = canvas.colour.copy(), canvas.depth.copy()
     polygons, pastings = _polygons(faces, mesh, camera), _pastings(plants, camera)
     depths = np.concatenate([plants.depths, faces.depths])
-    ranks = np.concatenate([np.zeros(len(plants.depths), np.int32), mesh.ranks[faces.index]])
+    ranks = np.concatenate([np.zeros(len(plants.depths), np.int32), mesh.ranks[faces.chosen]])
     order = np.lexsort((ranks, -depths))
     bands = list(_BANDS)
     drawn = False
@@ -189,8 +188,8 @@ def draw_scene(
                 drawn = False
         drawn = True
         if item < len(plants.depths):
-            key = (Plant(int(plants.kinds[item])), int(plants.variants[item]), from_left)
-            _paste(canvas, sprites[key], pastings, item, float(plants.depths[item]))
+            sprite = nursery.picture(Plant(int(plants.kinds[item])), int(plants.variants[item]), from_left)
+            _paste(canvas, sprite, pastings, item, float(plants.depths[item]))
         else:
             _fill(canvas, polygons, item - len(plants.depths), colours)
 
@@ -214,7 +213,7 @@ def _polygons(faces: Faces, mesh: Mesh, camera: Camera) -> _Polygons:
     for face in np.flatnonzero((local[..., 2] < _NEAR).any(axis=1)):
         kept = _clip(local[face])
         clipped[int(face)] = np.round(camera.project(kept) * (1 << _SHIFT)).astype(np.int32)
-    thickness = mesh.thickness[faces.index] * camera.focal / depth
+    thickness = mesh.thickness[faces.chosen] * camera.focal / depth
     return _Polygons(corners, thickness, depth, clipped)
 
 

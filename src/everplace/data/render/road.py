@@ -59,7 +59,6 @@ class Column(IntEnum):
 class Segment:
     """A stretch of road with one biome on each side; `start` and `end` are positions x in metres."""
 
-    number: int
     start: float
     end: float
     left: Biome
@@ -97,12 +96,15 @@ class Road:
 
     def at(self, x: float, column: Column) -> float:
         """Returns one column at one x."""
-        return float(self.lookup(np.array([x], np.float32))[0, column])
+        position = min(max((x - self.start) / STEP, 0.0), len(self.table) - 1.001)
+        row = int(position)
+        before, after = float(self.table[row, column]), float(self.table[row + 1, column])
+        return before + (after - before) * (position - row)
 
     def x_of_arc(self, arc: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns x where the road has come `arc` metres from x = 0."""
         x = self.start + STEP * np.arange(len(self.table))
-        return np.interp(arc, self.table[:, Column.ARC].astype(np.float64), x)
+        return np.asarray(np.interp(arc, self.table[:, Column.ARC].astype(np.float64), x), np.float64)
 
     def heading(self, x: float) -> float:
         """Returns the road's heading at x in radians, counter-clockwise from the x axis."""
@@ -159,7 +161,7 @@ def _segments(rng: np.random.Generator, length: float) -> tuple[Segment, ...]:
     segments: list[Segment] = []
     position, village_in = -BEFORE, float(rng.uniform(300, 600))
     previous = (Biome.MEADOW, Biome.MEADOW)
-    while position < length + 1200:
+    while position < length + 800:
         end = position + float(rng.uniform(*_SEGMENT))
         if village_in <= 0:
             left = right = Biome.VILLAGE
@@ -169,7 +171,7 @@ def _segments(rng: np.random.Generator, length: float) -> tuple[Segment, ...]:
             if rng.random() < 0.35 and left != Biome.LAKE:
                 right = left
         village_in -= end - position
-        segments.append(Segment(len(segments), position, end, left, right))
+        segments.append(Segment(position, end, left, right))
         position, previous = end, (left, right)
     return tuple(segments)
 

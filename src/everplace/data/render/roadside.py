@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 
-from everplace.data.render import buildings
+from everplace.data.render import structures
 from everplace.data.render.buildings import Site
 from everplace.data.render.mesh import Material, MeshBuilder, Point
 from everplace.data.render.road import Biome, Road, Segment
@@ -35,7 +36,7 @@ def furnish(
         village = segment.left == Biome.VILLAGE
         if village:
             _lamps(mesh, survey, segment)
-            buildings.sign(mesh, survey(segment.start + 3, -6.3, 0.0), Material.YELLOW, "board")
+            structures.sign(mesh, survey(segment.start + 3, -6.3, 0.0), Material.YELLOW, "board")
         else:
             _marker_posts(mesh, survey, segment)
         for side, biome in ((1, segment.left), (-1, segment.right)):
@@ -49,7 +50,7 @@ def furnish(
     _signs(rng, mesh, survey, start, end)
     x = start + float(rng.uniform(300, 800))
     while x < end:
-        buildings.bridge(mesh, survey(x, 0.0, np.pi / 2 + float(rng.uniform(-0.25, 0.25))))
+        structures.bridge(mesh, survey(x, 0.0, np.pi / 2 + float(rng.uniform(-0.25, 0.25))))
         x += float(rng.uniform(650, 1300))
     x = start + float(rng.uniform(100, 500))
     while x < end:
@@ -57,17 +58,17 @@ def furnish(
         x += float(rng.uniform(500, 1000))
     x = start + float(rng.uniform(200, 700))
     while x < end:
-        side = float(rng.choice([-1, 1]))
-        for step in range(int(rng.integers(2, 6))):
-            away = side * float(rng.uniform(280, 700))
-            buildings.turbine(mesh, survey(x + 130.0 * step, away, float(rng.uniform(-0.3, 0.3))), rng)
+        row_side = float(rng.choice([-1, 1]))
+        for number in range(int(rng.integers(2, 6))):
+            away = row_side * float(rng.uniform(280, 700))
+            structures.turbine(mesh, survey(x + 130.0 * number, away, float(rng.uniform(-0.3, 0.3))), rng)
         x += float(rng.uniform(900, 1800))
 
 
 def _lamps(mesh: MeshBuilder, survey: _Survey, segment: Segment) -> None:
     for number, x in enumerate(np.arange(segment.start + 6, segment.end, 26.0)):
         side = 1 if number % 2 else -1
-        buildings.lamp(mesh, survey(float(x), side * 6.4, -side * np.pi / 2))
+        structures.lamp(mesh, survey(float(x), side * 6.4, -side * np.pi / 2))
 
 
 def _marker_posts(mesh: MeshBuilder, survey: _Survey, segment: Segment) -> None:
@@ -164,7 +165,7 @@ def _wire(
     for t in np.linspace(0, 1, pieces + 1):
         point = a + (b - a) * t
         points.append((float(point[0]), float(point[1]), float(point[2] - 4 * sag * t * (1 - t))))
-    for p, q in zip(points, points[1:], strict=False):
+    for p, q in pairwise(points):
         middle = ((p[0] + q[0]) / 2, (p[1] + q[1]) / 2)
         mesh.stroke(p, q, 0.035, Material.WIRE, middle, reach=reach)
 
@@ -176,8 +177,8 @@ def _pylon_line(rng: np.random.Generator, mesh: MeshBuilder, survey: _Survey, x:
         lateral = step * 130.0
         sites.append(survey(x + lateral * turn, lateral, np.pi / 2 - turn))
     for site in sites:
-        buildings.pylon(mesh, site)
-    for site, following in zip(sites, sites[1:], strict=False):
+        structures.pylon(mesh, site)
+    for site, following in pairwise(sites):
         for across, level in ((-6.0, 20.0), (6.0, 20.0), (-4.5, 24.0), (4.5, 24.0)):
             _wire(mesh, site.point(0, across, level), following.point(0, across, level), 4.0, 10, 420.0)
 
@@ -189,5 +190,5 @@ def _signs(rng: np.random.Generator, mesh: MeshBuilder, survey: _Survey, start: 
         material = (Material.WHITE, Material.BLUE, Material.YELLOW, Material.BLUE)[kind]
         shape = ("triangle", "square", "board", "board")[kind]
         lateral = -6.8 if shape == "board" else -5.4
-        buildings.sign(mesh, survey(x, lateral, float(rng.uniform(-0.1, 0.1))), material, shape)
+        structures.sign(mesh, survey(x, lateral, float(rng.uniform(-0.1, 0.1))), material, shape)
         x += float(rng.uniform(50, 150))

@@ -22,7 +22,6 @@ from everplace.progress import Progress, quiet
 
 __all__ = ["drive_poses", "render_route", "route_world"]
 
-_WORKERS = 2
 _AHEAD = 8
 # Places over which a driver's offset from the ideal line stays alike.
 _STEADY = 6.0
@@ -54,49 +53,61 @@ def drive_poses(world: World, config: RenderConfig, condition: str) -> NDArray[n
     return np.column_stack([x, y, heading + np.radians(config.heading_std) * turn])
 
 
-def render_route(out: Path, config: RenderConfig, *, progress: Progress = quiet) -> None:
+def render_route(out: Path, config: RenderConfig, *, progress: Progress = quiet, workers: int = 2) -> None:
     """Renders a route: one directory a condition with its frames and `poses.csv`, and `route.toml`.
 
-    The same configuration gives the same bytes. The directory appears whole or not at all.
+    The same configuration gives the same bytes, whatever the number of workers. The directory appears whole or not
+    at all.
 
     Args:
         out: The route's directory; it must not exist, or be empty.
         config: What to render.
         progress: Shows how far it has come.
+        workers: Threads that render at the same time.
 
     Raises:
         ConfigError: `out` exists and is not an empty directory.
         StorageError: The files cannot be written.
     """
-    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise ConfigError(
-            f"{readable(out)} already exists and is not empty: choose another --out or remove it first"
-        )
+    _refuse_occupied(out)
     world = route_world(config)
-    if out.exists():
-        out.rmdir()
     with whole_directory(out) as directory:
         for condition in config.conditions:
-            _write_traverse(directory / condition, world, config, condition, progress)
+            _write_traverse(directory / condition, world, config, condition, progress, workers)
         table = {"tolerance": 1, "traverses": {name: {"condition": name} for name in config.conditions}}
         (directory / "route.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
+        if out.is_dir():
+            out.rmdir()  # it was empty; a rename onto it would fail on Windows
+
+
+def _refuse_occupied(out: Path) -> None:
+    try:
+        free = not out.exists() or (out.is_dir() and not any(out.iterdir()))
+    except OSError as error:
+        raise StorageError(
+            f"cannot look into {readable(out)}: {error.strerror}; choose another place"
+        ) from error
+    if not free:
+        raise ConfigError(f"{readable(out)} is not empty: choose another place")
 
 
 def _write_traverse(
-    directory: Path, world: World, config: RenderConfig, condition: str, progress: Progress
+    directory: Path, world: World, config: RenderConfig, condition: str, progress: Progress, workers: int
 ) -> None:
     directory.mkdir()
     drive = open_drive(world, condition)
     poses = drive_poses(world, config, condition)
     digits = max(5, len(str(config.places - 1)))
     stems = [f"{place:0{digits}d}" for place in range(config.places)]
-    frames = _frames(drive, [(float(x), float(y), float(heading)) for x, y, heading in poses], config.size)
+    frames = _frames(
+        drive, [(float(x), float(y), float(heading)) for x, y, heading in poses], config.size, workers
+    )
     options = [cv2.IMWRITE_JPEG_QUALITY, config.quality] if config.format == "jpg" else []
     for stem, frame in zip(stems, progress(frames, f"rendering {condition}", config.places), strict=True):
         path = directory / f"{stem}.{config.format}"
         done, data = cv2.imencode(path.suffix, cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), options)
         if not done:
-            raise StorageError(f"cannot encode {readable(path)}: choose the other --format")
+            raise StorageError(f"cannot encode {readable(path)}: choose the other format")
         path.write_bytes(data.tobytes())
     lines = [
         f"{stem},{x:.4f},{y:.4f},{heading:.6f}" for stem, (x, y, heading) in zip(stems, poses, strict=True)
@@ -104,9 +115,11 @@ def _write_traverse(
     (directory / "poses.csv").write_text("\n".join(["stem,x,y,heading", *lines, ""]), encoding="utf-8")
 
 
-def _frames(drive: Drive, poses: list[Pose], size: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
-    """Renders in order on a few threads, never far ahead of what was taken."""
-    with ThreadPoolExecutor(_WORKERS) as pool:
+def _frames(
+    drive: Drive, poses: list[Pose], size: tuple[int, int], workers: int
+) -> Iterator[NDArray[np.uint8]]:
+    """Renders in order on threads, never far ahead of what was taken."""
+    with ThreadPoolExecutor(workers) as pool:
         waiting = [pool.submit(drive.frame, pose, size) for pose in poses[:_AHEAD]]
         for index in range(len(poses)):
             yield waiting.pop(0).result()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from everplace.data.render import buildings
 from everplace.data.render.buildings import Site
-from everplace.data.render.mesh import Material, Mesh, MeshBuilder
+from everplace.data.render.mesh import Mesh, MeshBuilder
 from everplace.data.render.road import BEFORE, Biome, Column, Road, Segment
 from everplace.data.render.roadside import furnish
 from everplace.data.render.sprites import VARIANTS, Plant

@@ -37,22 +37,24 @@ def paint_sky(
     zenith, horizon = np.array(look.zenith, np.float32), np.array(look.horizon, np.float32)
     sky = horizon + (zenith - horizon) * np.sqrt(height)
 
-    dx, dy = fx + u * rx, fy + u * ry
-    body = np.array([np.cos(look.sun_azimuth), np.sin(look.sun_azimuth), np.tan(look.sun_elevation)])
-    body /= np.linalg.norm(body)
-    cosine = (dx[None, :] * body[0] + dy[None, :] * body[1] + v[:, None] * body[2]) / norm
+    dx, dy = (fx + u * rx)[None, :], (fy + u * ry)[None, :]
+    sun = np.array(
+        [np.cos(look.sun_azimuth), np.sin(look.sun_azimuth), np.tan(look.sun_elevation)], np.float32
+    )
+    sun /= np.linalg.norm(sun)
+    cosine = np.clip((dx * sun[0] + dy * sun[1] + v[:, None] * sun[2]) / norm, 0, 1)
     if look.sun:
-        glow = look.sun * (0.5 * np.clip(cosine, 0, 1) ** 10 + 0.6 * np.clip(cosine, 0, 1) ** 120)
+        glow = look.sun * (0.5 * cosine**10 + 0.6 * cosine**120)
         sky += glow[..., None] * np.array((110, 95, 60), np.float32)
-    if look.dark:
-        sky += (ramp(cosine.astype(np.float32), 0.9990, 0.9994) * 190 + 14 * np.clip(cosine, 0, 1) ** 60)[
-            ..., None
-        ]
+    if look.dark:  # the moon stands where the sun would
+        moon = ramp(cosine, 0.99955, 0.99975) * 190 + 14 * cosine**60
+        sky += moon[..., None]
 
-    reach = np.float32(26) / (up + np.float32(0.09))
-    offset = [np.float32(o * TILE + drift) for o in look.cloud_offset]
-    a = (np.float32(dx)[None, :] * reach + offset[0]).astype(np.float32)
-    b = (np.float32(dy)[None, :] * reach + offset[1]).astype(np.float32)
+    reach = 26 / (up + np.float32(0.09))
+    a, b = (
+        np.asarray(axis * reach + np.float32(start * TILE + drift), np.float32)
+        for axis, start in zip((dx, dy), look.cloud_offset, strict=True)
+    )
     thick = sample(grain, a, b, 1.0) + 0.35 * sample(grain, b, a, 0.37)
     edge = 0.55 - 1.1 * look.clouds
     # Haze swallows the clouds near the horizon, and the more of them the thicker it is.
@@ -60,9 +62,8 @@ def paint_sky(
     depth = ramp(thick, edge + 0.15, edge + 0.85)[..., None]
     bright, dark = np.array(look.cloud_bright, np.float32), np.array(look.cloud_dark, np.float32)
     sky += (bright + (dark - bright) * depth - sky) * cover[..., None]
-    full = np.asarray(
-        cv2.resize(sky.astype(np.float32), (camera.width, rows), interpolation=cv2.INTER_LINEAR)
-    )
+    size = (camera.width, rows)
+    full = np.asarray(cv2.resize(sky, size, interpolation=cv2.INTER_LINEAR), np.float32)
     if look.dark:
         _stars(full, camera, look)
     return full

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from everplace.data.render.look import Colour, Look
 
-__all__ = ["DECIDUOUS", "LEVELS", "SPRITE_SIZE", "VARIANTS", "Plant", "Sprite", "grow_sprites"]
+__all__ = ["DECIDUOUS", "LEVELS", "SPRITE_SIZE", "VARIANTS", "Nursery", "Plant", "Sprite"]
 
 VARIANTS = 4
 """Different shapes of each plant."""
@@ -62,15 +62,26 @@ class Sprite:
     levels: tuple[NDArray[np.uint8], ...]
 
 
-def grow_sprites(look: Look) -> dict[tuple[Plant, int, bool], Sprite]:
-    """Draws all plants under a look; the key is (kind, variant, whether the light comes from the left)."""
-    sprites = {}
-    for plant in Plant:
-        for variant in range(VARIANTS):
-            for from_left in (False, True):
-                rng = np.random.default_rng([plant, variant])
-                sprites[plant, variant, from_left] = _picture(plant, variant, look, from_left, rng)
-    return sprites
+class Nursery:
+    """The plants of one look, each grown when it is first asked for."""
+
+    def __init__(self, look: Look) -> None:
+        self._look = look
+        self._grown: dict[tuple[Plant, int, bool], Sprite] = {}
+
+    def picture(self, plant: Plant, variant: int, from_left: bool) -> Sprite:
+        """Returns a plant's picture; threads may ask at the same time and get equal ones.
+
+        Args:
+            plant: The kind.
+            variant: The shape, below `VARIANTS`.
+            from_left: Whether the light comes from the left.
+        """
+        key = (plant, variant, from_left)
+        if key not in self._grown:
+            rng = np.random.default_rng([plant, variant])
+            self._grown[key] = _picture(plant, variant, self._look, from_left, rng)
+        return self._grown[key]
 
 
 def _picture(plant: Plant, variant: int, look: Look, from_left: bool, rng: np.random.Generator) -> Sprite:
@@ -111,15 +122,18 @@ def _blob(
 
 def _stroke(
     rgb: NDArray[np.uint8],
-    alpha: NDArray[np.uint8],
+    alpha: NDArray[np.uint8] | None,
     start: tuple[float, float],
     end: tuple[float, float],
     thickness: float,
     colour: Colour,
 ) -> None:
-    ends = [(int(p[0] * 16), int(p[1] * 16)) for p in (start, end)]
-    for image, value in ((rgb, colour), (alpha, (255.0,))):
-        cv2.line(image, ends[0], ends[1], value, max(1, round(thickness)), cv2.LINE_AA, 4)
+    """Draws a line; without `alpha` it colours only what is there (snow does not change a shape)."""
+    first, last = ((int(p[0] * 16), int(p[1] * 16)) for p in (start, end))
+    width = max(1, round(thickness))
+    cv2.line(rgb, first, last, colour, width, cv2.LINE_AA, 4)
+    if alpha is not None:
+        cv2.line(alpha, first, last, 255.0, width, cv2.LINE_AA, 4)
 
 
 def _conifer(
@@ -145,7 +159,7 @@ def _conifer(
             if snowy < 0.5 * look.snow:
                 top = (root[0] * 0.4 + tip[0] * 0.6, root[1] * 0.4 + tip[1] * 0.6 - 2)
                 _stroke(
-                    rgb, alpha, top, (tip[0], tip[1] - 2), 4, _lit((236, 240, 247), 0.4 + 0.6 * light, look)
+                    rgb, None, top, (tip[0], tip[1] - 2), 4, _lit((236, 240, 247), 0.4 + 0.6 * light, look)
                 )
 
 
@@ -206,7 +220,7 @@ def _broadleaf(
         if look.snow and thickness < 5 and abs(end[0] - start[0]) > abs(end[1] - start[1]) * 0.6:
             _stroke(
                 rgb,
-                alpha,
+                None,
                 (start[0], start[1] - 1),
                 (end[0], end[1] - 1),
                 1,

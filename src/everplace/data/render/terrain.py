@@ -13,7 +13,7 @@ from everplace.data.render.camera import Camera
 from everplace.data.render.noise import ramp, sample
 from everplace.data.render.road import Column, Road
 
-__all__ = ["FAR", "Land", "Surface", "Terrain", "View", "view_terrain"]
+__all__ = ["FAR", "Land", "Surface", "Terrain", "view_terrain"]
 
 FAR = 6000.0
 """Depth in metres behind which there is only sky."""
@@ -139,21 +139,7 @@ class Land(NamedTuple):
     slope_y: NDArray[np.float32]
 
 
-class View(NamedTuple):
-    """Terrain as one camera sees it.
-
-    Attributes:
-        land: What the pixels show.
-        steps: Depths of the samples along each column, in metres (D).
-        horizon: Highest slope (rise over depth) up to each sample, D × W: what lies lower and behind is hidden.
-    """
-
-    land: Land
-    steps: NDArray[np.float32]
-    horizon: NDArray[np.float32]
-
-
-def view_terrain(terrain: Terrain, camera: Camera) -> View:
+def view_terrain(terrain: Terrain, camera: Camera) -> Land:
     """Finds for each pixel the first point of the terrain along its ray.
 
     Each image column is a vertical plane. Along it the terrain is sampled at depths that grow; the
@@ -210,8 +196,7 @@ def view_terrain(terrain: Terrain, camera: Camera) -> View:
         for values in (slope_x, slope_y)
     )
     x, y = camera.ground_points(depth, sideways[None, :])
-    land = Land(top, seen, depth, x, y, lateral, canopy, crown, water, slope_x, slope_y)
-    return View(land, steps, horizon)
+    return Land(top, seen, depth, x, y, lateral, canopy, crown, water, slope_x, slope_y)
 
 
 def _gradient(

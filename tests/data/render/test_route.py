@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TypeVar
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from everplace.data.render.config import RenderConfig
+from everplace.data.render.frame import open_drive
+from everplace.data.render.route import drive_poses, render_route, route_world
+from everplace.data.route import open_route
+from everplace.errors import ConfigError
+
+T = TypeVar("T")
+SMALL = RenderConfig(places=4, size=(24, 40), conditions=("winter", "rain"), seed=9)
+
+
+def _files(root: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(root)): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()
+    }
+
+
+def test_the_same_configuration_gives_the_same_bytes(tmp_path: Path) -> None:
+    render_route(tmp_path / "a", SMALL, workers=1)
+    render_route(tmp_path / "b", SMALL, workers=3)
+    files = _files(tmp_path / "a")
+    assert files == _files(tmp_path / "b")
+    names = [f"{stem:05d}.png" for stem in range(4)] + ["poses.csv"]
+    assert sorted(files) == sorted(
+        ["route.toml", *(f"{c}/{name}" for c in ("winter", "rain") for name in names)]
+    )
+
+
+def test_seed_and_condition_change_the_frames_but_other_conditions_do_not(tmp_path: Path) -> None:
+    render_route(tmp_path / "both", SMALL)
+    render_route(tmp_path / "one", SMALL.model_copy(update={"conditions": ("rain",)}))
+    render_route(tmp_path / "other", SMALL.model_copy(update={"seed": 10, "conditions": ("rain",)}))
+    frame = (tmp_path / "both/rain/00002.png").read_bytes()
+    assert frame == (tmp_path / "one/rain/00002.png").read_bytes()
+    assert frame != (tmp_path / "other/rain/00002.png").read_bytes()
+
+
+def test_the_route_opens_with_its_conditions_and_poses(tmp_path: Path) -> None:
+    render_route(tmp_path / "route", SMALL)
+    route = open_route(tmp_path / "route")
+    assert route.tolerance == 1
+    assert set(route.conditions) == {"winter", "rain"}
+    assert route["rain"].stems == ("00000", "00001", "00002", "00003")
+    poses = route["rain"].poses
+    assert poses is not None
+    np.testing.assert_allclose(poses, drive_poses(route_world(SMALL), SMALL, "rain"), atol=1e-4)
+    image = cv2.imread(str(route["rain"].paths[1]))
+    assert image is not None
+    pose = (float(poses[1, 0]), float(poses[1, 1]), float(poses[1, 2]))
+    frame = open_drive(route_world(SMALL), "rain").frame(pose, SMALL.size)
+    assert image.shape == (24, 40, 3)
+    # The file holds RGB in the usual order: the frame at the written (rounded) pose is the same but for its noise.
+    assert np.abs(image[..., ::-1].mean(axis=(0, 1)) - frame.mean(axis=(0, 1))).max() < 4
+
+
+def test_jpeg_is_smaller(tmp_path: Path) -> None:
+    render_route(tmp_path / "jpg", SMALL.model_copy(update={"format": "jpg", "quality": 60}))
+    assert sorted(path.name for path in (tmp_path / "jpg/rain").iterdir())[0] == "00000.jpg"
+    assert (tmp_path / "jpg/rain/00000.jpg").stat().st_size < 24 * 40 * 3 / 2
+
+
+def test_an_occupied_place_is_refused_and_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("precious")
+    with pytest.raises(ConfigError, match="not empty"):
+        render_route(tmp_path, SMALL)
+    with pytest.raises(ConfigError, match=r"mine\.txt"):
+        render_route(tmp_path / "mine.txt", SMALL)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_a_run_that_is_stopped_leaves_nothing(tmp_path: Path) -> None:
+    def stop(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
+        for number, item in enumerate(items):
+            if what == "rendering rain" and number == 2:
+                raise KeyboardInterrupt
+            yield item
+
+    with pytest.raises(KeyboardInterrupt):
+        render_route(tmp_path / "route", SMALL, progress=stop)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_empty_directory_is_filled_and_progress_counts_every_frame(tmp_path: Path) -> None:
+    seen: dict[str, int] = {}
+
+    def count(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
+        for item in items:
+            seen[what] = seen.get(what, 0) + 1
+            yield item
+        assert total == seen[what]
+
+    (tmp_path / "route").mkdir()
+    render_route(tmp_path / "route", SMALL, progress=count)
+    assert (tmp_path / "route/route.toml").is_file()
+    assert seen == {"rendering winter": 4, "rendering rain": 4}
+
+
+def test_the_truth_is_clear() -> None:
+    config = RenderConfig()
+    world = route_world(config)
+    summer, winter = (drive_poses(world, config, condition) for condition in ("summer", "winter"))
+    distances = np.linalg.norm(summer[:, None, :2] - winter[None, :, :2], axis=-1)
+    same = np.diagonal(distances)
+    assert (distances.argmin(axis=1) == np.arange(config.places)).all()
+    assert 0.2 < same.mean() < 1.2
+    assert same.max() < 3
+    neighbours = np.linalg.norm(np.diff(summer[:, :2], axis=0), axis=1)
+    assert neighbours.min() > 10
+    turn = np.degrees(summer[:, 2] - winter[:, 2])
+    assert 1 < np.abs(turn).max() < 12
+
+
+def _patch_normalised(image: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """64 × 32 grey, each 8 × 8 patch with mean 0 and deviation 1 (Milford and Wyeth 2012)."""
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    small = np.asarray(cv2.resize(grey, (64, 32), interpolation=cv2.INTER_AREA), np.float64)
+    out = np.zeros_like(small)
+    for row in range(0, 32, 8):
+        for column in range(0, 64, 8):
+            patch = small[row : row + 8, column : column + 8]
+            out[row : row + 8, column : column + 8] = (patch - patch.mean()) / max(float(patch.std()), 1e-6)
+    return out.ravel()
+
+
+@pytest.mark.slow
+def test_sad_fails_from_summer_to_winter() -> None:
+    config = RenderConfig()
+    world = route_world(config)
+    features = {}
+    for condition in ("summer", "winter"):
+        drive, poses = open_drive(world, condition), drive_poses(world, config, condition)
+        frames = [drive.frame((float(x), float(y), float(heading)), config.size) for x, y, heading in poses]
+        features[condition] = np.array([_patch_normalised(frame) for frame in frames])
+    for query, database in (("winter", "summer"), ("summer", "winter")):
+        differences = [np.abs(features[database] - feature).mean(axis=1) for feature in features[query]]
+        best = np.argmin(differences, axis=1)
+        recall = (np.abs(best - np.arange(config.places)) <= 1).mean()
+        chance = 3 / config.places
+        assert 3 * chance < recall < 0.5, (query, recall)
