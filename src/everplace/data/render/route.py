@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+import contextlib
+import signal
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
 from pathlib import Path
 
 import cv2
@@ -16,13 +21,15 @@ from everplace.data.render.frame import Drive, Pose, open_drive
 from everplace.data.render.noise import profile
 from everplace.data.render.road import Column
 from everplace.data.render.world import World, make_world
-from everplace.errors import ConfigError, StorageError
+from everplace.errors import ConfigError, MachineError, StorageError
 from everplace.files import readable, whole_directory
 from everplace.progress import Progress, quiet
 
 __all__ = ["drive_poses", "render_route", "route_world"]
 
-_AHEAD = 8
+# Frames that a worker renders at a time: enough to make up for sending it the world.
+_BATCH = 16
+_AHEAD = 3
 # Places over which a driver's offset from the ideal line stays alike.
 _STEADY = 6.0
 
@@ -53,7 +60,7 @@ def drive_poses(world: World, config: RenderConfig, condition: str) -> NDArray[n
     return np.column_stack([x, y, heading + np.radians(config.heading_std) * turn])
 
 
-def render_route(out: Path, config: RenderConfig, *, progress: Progress = quiet, workers: int = 2) -> None:
+def render_route(out: Path, config: RenderConfig, *, progress: Progress = quiet, workers: int = 1) -> None:
     """Renders a route: one directory a condition with its frames and `poses.csv`, and `route.toml`.
 
     The same configuration gives the same bytes, whatever the number of workers. The directory appears whole or not
@@ -63,17 +70,25 @@ def render_route(out: Path, config: RenderConfig, *, progress: Progress = quiet,
         out: The route's directory; it must not exist, or be empty.
         config: What to render.
         progress: Shows how far it has come.
-        workers: Threads that render at the same time.
+        workers: Processes that render at the same time. With more than one, the program that calls this must be
+            importable without running (`if __name__ == "__main__"`), as for any use of multiprocessing.
 
     Raises:
         ConfigError: `out` exists and is not an empty directory.
         StorageError: The files cannot be written.
+        MachineError: A worker was killed.
     """
     _refuse_occupied(out)
     world = route_world(config)
-    with whole_directory(out) as directory:
+    with whole_directory(out) as directory, _pool(workers) as pool:
         for condition in config.conditions:
-            _write_traverse(directory / condition, world, config, condition, progress, workers)
+            drive = open_drive(world, condition)
+            poses = drive_poses(world, config, condition)
+            frames = _frames(
+                drive, [(float(x), float(y), float(turn)) for x, y, turn in poses], config.size, pool
+            )
+            shown = progress(frames, f"rendering {condition}", config.places)
+            _write_traverse(directory / condition, config, poses, shown)
         table = {"tolerance": 1, "traverses": {name: {"condition": name} for name in config.conditions}}
         (directory / "route.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
         if out.is_dir():
@@ -88,22 +103,17 @@ def _refuse_occupied(out: Path) -> None:
             f"cannot look into {readable(out)}: {error.strerror}; choose another place"
         ) from error
     if not free:
-        raise ConfigError(f"{readable(out)} is not empty: choose another place")
+        raise ConfigError(f"{readable(out)} already exists and is not empty: choose another place")
 
 
 def _write_traverse(
-    directory: Path, world: World, config: RenderConfig, condition: str, progress: Progress, workers: int
+    directory: Path, config: RenderConfig, poses: NDArray[np.float64], frames: Iterator[NDArray[np.uint8]]
 ) -> None:
     directory.mkdir()
-    drive = open_drive(world, condition)
-    poses = drive_poses(world, config, condition)
     digits = max(5, len(str(config.places - 1)))
     stems = [f"{place:0{digits}d}" for place in range(config.places)]
-    frames = _frames(
-        drive, [(float(x), float(y), float(heading)) for x, y, heading in poses], config.size, workers
-    )
     options = [cv2.IMWRITE_JPEG_QUALITY, config.quality] if config.format == "jpg" else []
-    for stem, frame in zip(stems, progress(frames, f"rendering {condition}", config.places), strict=True):
+    for stem, frame in zip(stems, frames, strict=True):
         path = directory / f"{stem}.{config.format}"
         done, data = cv2.imencode(path.suffix, cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), options)
         if not done:
@@ -115,13 +125,42 @@ def _write_traverse(
     (directory / "poses.csv").write_text("\n".join(["stem,x,y,heading", *lines, ""]), encoding="utf-8")
 
 
+@contextlib.contextmanager
+def _pool(workers: int) -> Iterator[Executor | None]:
+    """Gives worker processes, or None to work in this one."""
+    if workers <= 1:
+        yield None
+        return
+    # Ctrl-C reaches the workers too; the parent alone answers it.
+    quietly = (signal.SIGINT, signal.SIG_IGN)
+    pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=signal.signal, initargs=quietly)
+    try:
+        yield pool
+    except BrokenProcessPool as error:
+        raise MachineError(
+            "a process that renders was killed; free memory or render with one worker"
+        ) from error
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
 def _frames(
-    drive: Drive, poses: list[Pose], size: tuple[int, int], workers: int
+    drive: Drive, poses: Sequence[Pose], size: tuple[int, int], pool: Executor | None
 ) -> Iterator[NDArray[np.uint8]]:
-    """Renders in order on threads, never far ahead of what was taken."""
-    with ThreadPoolExecutor(workers) as pool:
-        waiting = [pool.submit(drive.frame, pose, size) for pose in poses[:_AHEAD]]
-        for index in range(len(poses)):
-            yield waiting.pop(0).result()
-            if index + _AHEAD < len(poses):
-                waiting.append(pool.submit(drive.frame, poses[index + _AHEAD], size))
+    """Renders in order, in batches, never more than a few ahead of what was taken."""
+    if pool is None:
+        for pose in poses:
+            yield drive.frame(pose, size)
+        return
+    drive.nursery.grow_all()  # once here rather than in every batch
+    waiting: deque[Future[list[NDArray[np.uint8]]]] = deque()
+    for first in range(0, len(poses), _BATCH):
+        waiting.append(pool.submit(_render, drive, poses[first : first + _BATCH], size))
+        if len(waiting) > _AHEAD:
+            yield from waiting.popleft().result()
+    for future in waiting:
+        yield from future.result()
+
+
+def _render(drive: Drive, poses: Sequence[Pose], size: tuple[int, int]) -> list[NDArray[np.uint8]]:
+    return [drive.frame(pose, size) for pose in poses]

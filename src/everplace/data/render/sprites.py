@@ -83,6 +83,13 @@ class Nursery:
             self._grown[key] = _picture(plant, variant, self._look, from_left, rng)
         return self._grown[key]
 
+    def grow_all(self) -> None:
+        """Grows every plant now, so that copies of the nursery need not."""
+        for plant in Plant:
+            for variant in range(VARIANTS):
+                for from_left in (False, True):
+                    self.picture(plant, variant, from_left)
+
 
 def _picture(plant: Plant, variant: int, look: Look, from_left: bool, rng: np.random.Generator) -> Sprite:
     rgb = np.zeros((_HEIGHT, _WIDTH, 3), np.uint8)
