@@ -44,7 +44,9 @@ def whole_file(path: Path) -> Iterator[Path]:
             with contextlib.suppress(OSError):
                 temporary.unlink()
     except OSError as error:
-        raise StorageError(f"cannot write {readable(path)}: {error.strerror or error}; free space or choose another place") from error
+        raise StorageError(
+            f"cannot write {readable(path)}: {_reason(error)}; free space or choose another place"
+        ) from error
 
 
 @contextlib.contextmanager
@@ -76,7 +78,9 @@ def whole_directory(path: Path) -> Iterator[Path]:
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
     except OSError as error:
-        raise StorageError(f"cannot write {readable(path)}: {error.strerror or error}; free space or choose another place") from error
+        raise StorageError(
+            f"cannot write {readable(path)}: {_reason(error)}; free space or choose another place"
+        ) from error
 
 
 def write_bytes(path: Path, data: bytes) -> None:
@@ -88,3 +92,8 @@ def write_bytes(path: Path, data: bytes) -> None:
 def write_text(path: Path, text: str) -> None:
     """Writes a whole UTF-8 file by rename (see `whole_file`)."""
     write_bytes(path, text.encode("utf-8"))
+
+
+def _reason(error: OSError) -> str:
+    """Why it failed, on one line; libraries put whole reports into the message."""
+    return os.strerror(error.errno) if error.errno else str(error).splitlines()[0]

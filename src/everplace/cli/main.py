@@ -12,7 +12,7 @@ from typer.main import get_command
 
 from everplace.errors import EverplaceError
 
-__all__ = ["app", "main"]
+__all__ = ["app", "main", "run"]
 
 _BAD_USAGE, _MACHINE_FAILED, _INTERRUPTED = 2, 1, 130
 
@@ -31,16 +31,15 @@ for _name in ("demo", "train", "describe", "match", "evaluate", "compare", "show
 
 def main() -> None:
     """Runs the command and exits with its status: 0, 1 machine, 2 usage or input, 130 Ctrl-C."""
-    sys.exit(_run(sys.argv[1:]))
+    sys.exit(run(sys.argv[1:]))
 
 
-def _run(arguments: list[str]) -> int:
+def run(arguments: list[str]) -> int:
+    """Runs the command with these arguments and returns its exit status."""
     try:
         status = get_command(app).main(args=arguments, prog_name="everplace", standalone_mode=False)
     except typer.Abort:
         return _interrupted()
-    except typer.Exit as end:
-        return end.exit_code
     except EverplaceError as error:
         _say(str(error))
         return error.exit_status
@@ -60,6 +59,9 @@ def _run(arguments: list[str]) -> int:
         return _MACHINE_FAILED
     except typer.TyperException as error:
         return _usage(error)
+    # Typer catches Ctrl-C itself and returns its status.
+    if status == _INTERRUPTED:
+        return _interrupted()
     return status if isinstance(status, int) else 0
 
 

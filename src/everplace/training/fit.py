@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-import os
+import signal
+import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,20 +25,19 @@ from everplace.data.selection import Selection, parse_frames, select
 from everplace.errors import CheckpointError, ConfigError, RouteError
 from everplace.files import readable
 from everplace.model.architecture import ConditionVAE
-from everplace.model.checkpoint import CHECKPOINT_NAME
 from everplace.model.config import ModelConfig
-from everplace.model.tensor_file import has_tensors
 from everplace.progress import Progress, quiet
 from everplace.training.callbacks import RunKeeper, TrainingDisplay
-from everplace.training.config import CONFIG_FILE, TrainConfig, read_toml, write_config
-from everplace.training.frames import Batch, EpochOrder, SplitRoute, TrainingFrames, split_route
+from everplace.training.config import TrainConfig
+from everplace.training.frames import Batch, EpochOrder, TrainingFrames, split_route
 from everplace.training.module import BoundModule
-from everplace.training.state import ResumeState, RunProgress, load_state, save_state
+from everplace.training.run_directory import prepare_run
+from everplace.training.state import ResumeState, RunProgress, save_state
 from everplace.training.validation import criterion_name
 
-__all__ = ["TrainSummary", "bf16_is_fast", "select_route", "train"]
+__all__ = ["GRADIENT_NORM", "TrainSummary", "bf16_is_fast", "select_route", "train"]
 
-_GRADIENT_NORM = 5.0
+GRADIENT_NORM = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +105,15 @@ def train(
         StorageError: The run directory cannot be written to.
     """
     chosen = select_route(route, config, progress)
+    _model_config(
+        chosen.conditions, min(len(traverse) for traverse in chosen.traverses), config
+    )  # before hours of decoding
     split = split_route(chosen, config, progress)
-    model_config = _model_config(split, config)
-    state = _prepare(out, config, resume)
-    done = state.progress if state is not None else RunProgress()
+    model_config = _model_config(split.conditions, split.places, config)
     frames = TrainingFrames(split, config.augmentation, config.seed)
+    _require_devices(devices, nodes, min(config.batch_size, len(frames)))
+    state = prepare_run(out, config, resume)
+    done = state.progress if state is not None else RunProgress()
     keeper = RunKeeper(out, config, split, done, save_every)
     if not done.finished:
         module, order = _module(model_config, config, len(frames), state)
@@ -153,7 +157,7 @@ def select_route(route: Route, config: TrainConfig, progress: Progress = quiet) 
     return select(chosen, Selection(frames, config.drop_dark, config.drop_stationary), progress)
 
 
-def _model_config(split: SplitRoute, config: TrainConfig) -> ModelConfig:
+def _model_config(conditions: tuple[str, ...], places: int, config: TrainConfig) -> ModelConfig:
     height, width = config.image_size
     try:
         return ModelConfig(
@@ -161,44 +165,25 @@ def _model_config(split: SplitRoute, config: TrainConfig) -> ModelConfig:
             height=height,
             width=width,
             channels=1 if config.grey else 3,
-            conditions=() if config.model == "vae" else split.conditions,
-            places=split.places if config.model == "cp-vae" else 0,
+            conditions=() if config.model == "vae" else conditions,
+            places=places if config.model == "cp-vae" else 0,
         )
     except ValidationError as error:
         first = error.errors()[0]
         raise ConfigError(first["msg"].removeprefix("Value error, ")) from None
 
 
-def _prepare(out: Path, config: TrainConfig, resume: bool) -> ResumeState | None:
-    """Makes the run directory, or checks that what stands there is this run."""
-    leads = int(os.environ.get("LOCAL_RANK", "0")) == 0 and int(os.environ.get("NODE_RANK", "0")) == 0
-    began = (out / CONFIG_FILE).is_file() or has_tensors(out, CHECKPOINT_NAME)
-    if out.is_file():
-        raise ConfigError(f"--out {readable(out)} is a file; name a directory for the run")
-    if began and not resume and leads:
-        raise ConfigError(f"--out {readable(out)} already holds a run; add --resume to continue it, or name another")
-    if began and resume and (out / CONFIG_FILE).is_file():
-        _require_same(out, config)
-    if leads:
-        write_config(out, config)
-    return load_state(out) if resume else None
-
-
-def _require_same(out: Path, config: TrainConfig) -> None:
-    try:
-        before = TrainConfig.model_validate(read_toml(out / CONFIG_FILE))
-    except (ConfigError, ValidationError):
-        raise CheckpointError(
-            f"{readable(out / CONFIG_FILE)} was not written by this version of everplace or was altered; "
-            "restore it, or train anew into another directory"
-        ) from None
-    for name in TrainConfig.model_fields:
-        old, new = getattr(before, name), getattr(config, name)
-        if old != new:
-            raise ConfigError(
-                f"--resume continues a run with its own settings, but {name} was {old!r} and is now {new!r}; give the "
-                f"same, or another --out than {readable(out)}"
-            )
+def _require_devices(devices: int, nodes: int, batch: int) -> None:
+    if torch.cuda.is_available() and devices > torch.cuda.device_count():
+        raise ConfigError(
+            f"--devices {devices} was asked for, but this machine has {torch.cuda.device_count()}; give at most that"
+        )
+    # Batch normalisation needs two frames wherever it runs.
+    if batch < 2 * devices * nodes:
+        raise ConfigError(
+            f"a batch of {batch} frames is too small for {devices * nodes} devices, which need two each; "
+            "raise batch_size, add frames or give fewer --devices"
+        )
 
 
 def _module(
@@ -248,7 +233,7 @@ def _trainer(
             strategy="ddp" if devices * nodes > 1 else "auto",
             precision="bf16-mixed" if bf16_is_fast(device) else "32-true",
             max_epochs=config.epochs - done.epoch if config.epochs is not None else -1,
-            gradient_clip_val=_GRADIENT_NORM,
+            gradient_clip_val=GRADIENT_NORM,
             deterministic="warn" if device == "cuda" else False,
             logger=logger or False,
             callbacks=callbacks,
@@ -268,18 +253,23 @@ def _tensorboard(out: Path) -> Logger | None:
 def _loader(frames: TrainingFrames, order: EpochOrder) -> DataLoader[Batch]:
     # On the CPU the network uses all cores itself; a worker would only take one away.
     workers = min(8, usable_cores()) if torch.cuda.is_available() else 0
+    # The loader draws a seed for its workers each epoch, which they do not use: not from the caller's random numbers.
     return DataLoader(
         frames, batch_size=None, sampler=order, num_workers=workers, persistent_workers=False,
-        pin_memory=workers > 0,
+        pin_memory=workers > 0, generator=torch.Generator(),
     )  # fmt: skip
 
 
 def _run(trainer: lightning.Trainer, module: BoundModule, loader: DataLoader[Batch]) -> None:
+    on_interrupt = signal.getsignal(signal.SIGINT)
     try:
         trainer.fit(module, loader)
     except SystemExit:
-        # Lightning turns Ctrl-C into exit status 1; the command line has its own answer to it.
+        # Lightning turns Ctrl-C into exit status 1, and has the process ignore the next one; the command line has its
+        # own answer to it.
         if trainer.state.status == TrainerStatus.INTERRUPTED:
+            if threading.current_thread() is threading.main_thread():
+                signal.signal(signal.SIGINT, on_interrupt)
             raise KeyboardInterrupt from None
         raise
 

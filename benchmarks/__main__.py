@@ -1,0 +1,38 @@
+"""Runs every benchmark and prints one table."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks import describing, memory, training
+from benchmarks.ratio import Ratio
+
+STUDIES = {"training": training.measure, "describing": describing.measure, "memory": memory.measure}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("names", nargs="*", choices=[[], *STUDIES], help="which ones (default: all)")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    given = parser.parse_args()
+    rows: list[Ratio] = []
+    for name in given.names or STUDIES:
+        with tempfile.TemporaryDirectory() as scratch:
+            rows += STUDIES[name](Path(scratch))
+    if given.json:
+        print(json.dumps([row.to_dict() for row in rows], indent=2))
+        return
+    table = Table("what", "measured", "against", "ratio", "wanted", "met")
+    for row in rows:
+        table.add_row(row.what, row.measured, row.against, f"{row.ratio:.3f}", row.wanted, "yes" if row.met else "NO")
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()

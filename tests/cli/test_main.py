@@ -1,0 +1,296 @@
+"""The command as a person meets it: real processes, exit statuses, one clear sentence for every mistake."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import json
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from everplace.cli import main
+
+COMMANDS = [
+    "demo", "train", "describe", "match", "evaluate", "compare", "show swap", "show constant", "show matrix",
+    "show matches", "data render", "data inspect", "data pack",
+]  # fmt: skip
+
+
+def run(*arguments: str | Path, limit_file_size: int | None = None) -> subprocess.CompletedProcess[str]:
+    def limit() -> None:
+        if limit_file_size is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit_file_size, limit_file_size))
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+    return subprocess.run(
+        [sys.executable, "-m", "everplace.cli.main", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=limit,
+        env={**os.environ, "OMP_NUM_THREADS": "1", "NO_COLOR": "1", "TERM": "dumb", "COLUMNS": "200"},
+    )
+
+
+def call(*arguments: str | Path) -> tuple[int, str, str]:
+    """The same without a process of its own, which would import torch each time: status, stdout, stderr."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = main.run([str(argument) for argument in arguments])
+    return status, out.getvalue(), err.getvalue()
+
+
+def refused(*arguments: str | Path, status: int = 2) -> str:
+    """Calls a command that must fail and returns the one sentence that says why."""
+    ended, out, err = call(*arguments)
+    assert ended == status, err
+    lines = err.strip().splitlines()
+    assert len(lines) == 1, err
+    assert lines[0].startswith("everplace: ")
+    assert out == ""
+    return lines[0]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help_with_an_example(command: str) -> None:
+    status, out, _ = call(*command.split(), "--help")
+    assert status == 0
+    assert f"Example: everplace {command}" in out
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys; sys.argv = ['everplace', '--help']\n"
+        "from everplace.cli.main import main\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "heavy = {'torch', 'lightning', 'cv2', 'sklearn', 'scipy', 'matplotlib', 'plotly', 'h5py', 'numpy', 'PIL'}\n"
+        "sys.exit(','.join(sorted(heavy & set(sys.modules))) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_importing_the_package_imports_nothing_heavy() -> None:
+    code = "import sys, everplace; sys.exit(','.join(sorted({'torch', 'cv2', 'numpy'} & set(sys.modules))) or 0)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def way(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The whole way once: a rendered route, a short training, descriptors, matches, an evaluation."""
+    base = tmp_path_factory.mktemp("way")
+    steps = [
+        ["data", "render", "--out", base / "route", "--places", "60", "--image-size", "32", "64",
+         "--conditions", "summer,winter"],
+        ["train", base / "route", "--model", "cp-vae", "--frames", ":40", "--image-size", "32", "64", "--epochs", "2",
+         "--out", base / "run", "--json"],
+        ["describe", base / "run", base / "route" / "winter", "--out", base / "winter.h5", "--json"],
+        ["describe", base / "run", base / "route" / "summer", "--out", base / "summer.h5"],
+        ["match", base / "summer.h5", base / "winter.h5", "--top", "3", "--out", base / "matches.csv"],
+        ["evaluate", base / "route", "--method", base / "run", "--database", "summer", "--query", "winter", "--frames",
+         "40:", "--out", base / "result", "--json"],
+    ]  # fmt: skip
+    for step in steps:
+        done = run(*step)
+        assert done.returncode == 0, done.stderr
+        if "--json" in step:
+            (base / f"{step[0]}.json").write_text(json.dumps(json.loads(done.stdout)))
+    return base
+
+
+def test_training_leaves_a_run_directory(way: Path) -> None:
+    summary = json.loads((way / "train.json").read_text())
+    assert summary["epochs"] == 2
+    assert summary["places"] == 26  # 40, less a tenth held out and a gap of 10
+    assert {path.name for path in (way / "run").iterdir()} >= {
+        "checkpoint.json",
+        "config.toml",
+        "metrics.csv",
+        "resume",
+    }
+    with (way / "run" / "metrics.csv").open() as file:
+        assert [row["epoch"] for row in csv.DictReader(file)] == ["1", "2"]
+
+
+def test_descriptor_files_hold_what_the_contract_says(way: Path) -> None:
+    with h5py.File(way / "winter.h5") as file:
+        values = file["descriptors"]
+        assert values.shape == (60, 96)
+        assert values.dtype == np.float32
+        assert [name.decode() for name in file["names"][:2]] == ["00000", "00001"]
+        assert file.attrs["method"] == "cp-vae"
+
+
+def test_matches_are_ranked(way: Path) -> None:
+    with (way / "matches.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["query", "database", "score", "rank"]
+    assert len(rows) == 60 * 3
+    assert [row["rank"] for row in rows[:3]] == ["1", "2", "3"]
+    assert float(rows[0]["score"]) >= float(rows[1]["score"]) >= float(rows[2]["score"])
+
+
+def test_an_evaluation_writes_metrics_and_a_report(way: Path) -> None:
+    metrics = json.loads((way / "result" / "metrics.json").read_text())
+    assert metrics == json.loads((way / "evaluate.json").read_text())
+    assert set(metrics) >= {
+        "recall_at", "auc_pr", "average_precision", "recall_at_100_precision", "extended_precision", "queries",
+        "database", "tolerance", "dimension", "ms_per_image", "audit",
+    }  # fmt: skip
+    assert set(metrics["recall_at"]) == {"1", "5", "10"}
+    assert (metrics["queries"], metrics["database"], metrics["dimension"]) == (20, 20, 96)
+    assert 0 < metrics["audit"]["swap"]["mean_image"] < 1
+    page = (way / "result" / "report.html").read_text()
+    assert "cp-vae: winter against summer" in page
+    for picture in ("similarity", "matches", "swap", "constant"):
+        assert (way / "result" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("what", ["swap", "constant", "matrix", "matches"])
+def test_show_draws_a_picture(way: Path, tmp_path: Path, what: str) -> None:
+    model = [way / "run", way / "route", "--frames", "40:"]
+    pair = [way / "route", "--method", "hog", "--database", "summer", "--query", "winter", "--frames", "40:"]
+    status, out, err = call(
+        "show", what, *(model if what in ("swap", "constant") else pair), "--out", tmp_path / "a.png"
+    )
+    assert status == 0, err
+    assert out == f"{tmp_path / 'a.png'}\n"
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_compare_names_every_pair_and_method(way: Path, tmp_path: Path) -> None:
+    done = run(
+        "compare", way / "route", "--methods", f"{way / 'run'},sad,hog", "--frames", "40:", "--out", tmp_path / "c"
+    )
+    assert done.returncode == 0, done.stderr
+    table = (tmp_path / "c" / "table.md").read_text()
+    assert done.stdout == table
+    assert "**summer against winter**" in table
+    assert "**winter against summer**" in table
+    assert len(re.findall(r"^\| (sad|hog|\S+run) \|", table, re.MULTILINE)) == 6
+    assert {path.name for path in (tmp_path / "c").iterdir()} >= {"metrics.json", "report.html", "pr_curves.png"}
+
+
+def test_a_training_run_is_not_overwritten(way: Path) -> None:
+    again = [
+        "train",
+        way / "route",
+        "--model",
+        "cp-vae",
+        "--image-size",
+        "32",
+        "64",
+        "--epochs",
+        "2",
+        "--out",
+        way / "run",
+    ]
+    before = (way / "run" / "checkpoint.json").read_bytes()
+    assert "--resume" in refused(*again)
+    assert "epochs" in refused(*again[:-4], "--epochs", "3", "--frames", ":40", "--out", way / "run", "--resume")
+    assert (way / "run" / "checkpoint.json").read_bytes() == before
+
+
+def test_a_checkpoint_that_was_tampered_with_is_refused(way: Path, tmp_path: Path) -> None:
+    run_copy = tmp_path / "run"
+    run_copy.mkdir()
+    for path in (way / "run").iterdir():
+        if path.is_file():
+            (run_copy / path.name).write_bytes(path.read_bytes())
+    (weights,) = run_copy.glob("*.safetensors")
+    data = bytearray(weights.read_bytes())
+    data[len(data) // 2] ^= 1
+    weights.write_bytes(data)
+    said = refused("describe", run_copy, way / "route" / "winter", "--out", tmp_path / "x.h5")
+    assert weights.name in said
+    assert not (tmp_path / "x.h5").exists()
+
+
+def test_a_run_of_another_version_is_refused(way: Path, tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    document = json.loads((way / "run" / "checkpoint.json").read_text())
+    (tmp_path / "run" / "checkpoint.json").write_text(json.dumps(document | {"format": 99}))
+    (tmp_path / "run" / "config.toml").write_text("")
+    assert "format 99" in refused("describe", tmp_path / "run", way / "route" / "winter", "--out", tmp_path / "x.h5")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        (["train", "{route}", "--model", "cp-vaee", "--out", "{out}"], "cp-vaee"),
+        (["train", "{route}", "--model", "cp-vae", "--image-size", "33", "64", "--out", "{out}"], "multiple of 32"),
+        (["train", "{route}", "--model", "c-vae", "--conditions", "summer", "--out", "{out}"], "condition"),
+        (["train", "{route}", "--model", "vae", "--frames", "4-9", "--out", "{out}"], "4-9"),
+        (["train", "{route}", "--model", "vae", "--conditions", "monsoon", "--out", "{out}"], "monsoon"),
+        (["train", "{route}", "--model", "vae", "--recipe", "secret", "--out", "{out}"], "secret"),
+        (["train", "{route}", "--model", "vae", "--minutes", "1", "--epochs", "1", "--out", "{out}"], "minutes"),
+        (["train", "{out}", "--model", "vae", "--out", "{out}"], "does not exist"),
+        (["describe", "sadd", "{route}/summer", "--out", "{out}"], "sadd"),
+        (["describe", "sad", "{route}/autumn", "--out", "{out}"], "autumn"),
+        (["match", "{out}", "{out}", "--out", "{out}"], "out"),
+        (["evaluate", "{route}", "--method", "sad", "--database", "x", "--query", "summer", "--out", "{out}"], "x"),
+        (["compare", "{route}", "--methods", "vae", "--out", "{out}"], "--fit-frames"),
+        (["compare", "{route}", "--methods", "vae", "--fit-frames", "0:9", "--out", "{out}"], "share"),
+        (["data", "render", "--out", "{out}", "--conditions", "hail"], "hail"),
+        (["data", "inspect", "{out}"], "does not exist"),
+    ],
+)
+def test_every_mistake_gets_one_sentence(tiny_route: Path, tmp_path: Path, arguments: list[str], names: str) -> None:
+    out = tmp_path / "out"
+    filled = [argument.format(route=tiny_route, out=out) for argument in arguments]
+    assert names in refused(*filled)
+    assert not out.exists()
+    assert not list(tmp_path.rglob(".*"))
+
+
+def test_an_unknown_key_of_a_config_is_named(tiny_route: Path, tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("[weights]\nplaec = 3.0\n")
+    said = refused("train", tiny_route, "--model", "cp-vae", "--config", tmp_path / "c.toml", "--out", tmp_path / "run")
+    assert "weights.plaec" in said
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_full_disk_leaves_nothing_behind(tiny_route: Path, tmp_path: Path) -> None:
+    done = run("describe", "hog", tiny_route / "summer", "--out", tmp_path / "x.h5", limit_file_size=4096)
+    assert done.returncode == 1
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "x.h5" in done.stderr
+    assert [path.name for path in tmp_path.iterdir() if path != tiny_route] == []
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_with_130_and_the_run_can_go_on(tmp_path: Path) -> None:
+    assert run("data", "render", "--out", tmp_path / "route", "--places", "60", "--image-size", "32", "32",
+               "--conditions", "summer,winter").returncode == 0  # fmt: skip
+    command = ["train", str(tmp_path / "route"), "--model", "vae", "--image-size", "32", "32", "--epochs", "100000",
+               "--save-every", "0", "--out", str(tmp_path / "run")]  # fmt: skip
+    process = subprocess.Popen(
+        [sys.executable, "-m", "everplace.cli.main", *command],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "run" / "resume" / "state.json").exists():
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert said.strip().splitlines()[-1].startswith("everplace: stopped")
+    assert not list((tmp_path / "run").rglob("*.part*"))
