@@ -54,16 +54,21 @@ class RunKeeper(lightning.Callback):
         """Measures, keeps the best epoch so far, and saves the state now and then."""
         assert isinstance(pl_module, BoundModule)
         epoch = pl_module.epoch + 1
+        # No later loss would tell of what the epoch's last step did.
+        pl_module.require_finite(pl_module.model.state_dict())
         row = {"epoch": float(epoch), "seconds": pl_module.seconds, **pl_module.epoch_means()}
         last = trainer.should_stop or epoch == self._config.epochs
         if epoch % self._config.validate_every == 0 or last:
             weights = Weights(**self._config.weights.model_dump())
-            row |= validate(pl_module.model, self._split, self._config.tolerance, weights)
+            measured = validate(pl_module.model, self._split, self._config.tolerance, weights)
+            pl_module.require_finite(measured)
+            row |= measured
         self.latest = row
         self.progress = replace(self.progress, epoch=epoch, seconds=row["seconds"])
         if trainer.is_global_zero:
             self._warn_of_collapse(row)
             self._keep(trainer, pl_module, row)
+        self.progress = trainer.strategy.broadcast(self.progress)
 
     def _keep(self, trainer: lightning.Trainer, module: BoundModule, row: dict[str, float]) -> None:
         criterion = criterion_name(self._split)
@@ -91,14 +96,18 @@ class RunKeeper(lightning.Callback):
     def _warn_of_collapse(self, row: dict[str, float]) -> None:
         if row["epoch"] <= self._config.warmup_epochs:
             return
-        blocks = {"z_p": "place", "z_c": "condition"}
-        for symbol, block in blocks.items():
+        # What holds a block up: the label that is read from it, or else the image.
+        support = {
+            "place": "place" if "place" in row else "image",
+            "condition": "condition" if "condition" in row else "image",
+        }
+        for symbol, block in (("z_p", "place"), ("z_c", "condition")):
             if row[f"kl_{block}"] < _ALIVE_NATS and symbol not in self._warned:
                 self._warned.add(symbol)
                 warnings.warn(
                     f"{symbol} has collapsed in epoch {row['epoch']:.0f}: its KL divergence is "
                     f"{row[f'kl_{block}']:.2f} nats with {row[f'active_{block}']:.0f} active dimensions; try a "
-                    f"lower weights.beta_{block}, a longer warmup_epochs or a higher weights.{block}",
+                    f"lower weights.beta_{block}, a longer warmup_epochs or a higher weights.{support[block]}",
                     CollapseWarning,
                     stacklevel=2,
                 )

@@ -124,7 +124,9 @@ class TrainConfig(_Section):
             first = error.errors()[0]
             where = ".".join(str(part) for part in first["loc"]) or "configuration"
             message = first["msg"].removeprefix("Value error, ")
-            known = f"; known are {', '.join(cls.model_fields)}" if first["type"] == "extra_forbidden" else ""
+            sections: dict[Any, type[BaseModel]] = {"weights": TermWeights, "augmentation": Augmentation}
+            section = sections.get(first["loc"][0], cls) if len(first["loc"]) > 1 else cls
+            known = f"; known are {', '.join(section.model_fields)}" if first["type"] == "extra_forbidden" else ""
             raise ConfigError(f"{where}: {message}{known}") from None
 
 
@@ -144,7 +146,7 @@ def recipe(model: str, name: str) -> dict[str, Any]:
     if model == "c-vae":
         defaults["weights"] = {"condition": 100.0}
     if model == "cp-vae":
-        defaults["weights"] = {"condition": 100.0, "place": 1000.0}
+        defaults["weights"] = {"condition": 100.0, "place": 5000.0}
     return defaults
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import defaultdict
+from collections.abc import Mapping
 from typing import Any
 
 import lightning
@@ -137,6 +138,20 @@ class BoundModule(lightning.LightningModule):
             self._optimizer_state = None
         return optimizer
 
+    def configure_gradient_clipping(
+        self,
+        optimizer: torch.optim.Optimizer,
+        gradient_clip_val: float | None = None,
+        gradient_clip_algorithm: str | None = None,
+    ) -> None:
+        """Limits the norm of the gradient.
+
+        Lightning's own clipping refuses a fused optimizer in mixed precision, for fear of gradients that are still
+        scaled; bfloat16 needs no scaling.
+        """
+        if gradient_clip_val:
+            torch.nn.utils.clip_grad_norm_(self.parameters(), gradient_clip_val)
+
     def progress(self, batch_index: int) -> float:
         """How much of the run is done, in [0, 1]: of its epochs, or of its minutes."""
         if self.config.epochs is not None:
@@ -176,13 +191,23 @@ class BoundModule(lightning.LightningModule):
         )
         loss = -terms["bound"].mean() / images[0].numel()
         if not torch.isfinite(loss):
-            wrong = [name for name, term in terms.items() if not torch.isfinite(term).all()]
-            raise DivergedError(
-                f"training diverged in epoch {self.epoch + 1}, step {batch_idx + 1}: {', '.join(wrong)} not finite; "
-                "the last good checkpoint stands; try a lower learning_rate or smaller weights"
-            )
+            self.require_finite({**terms, "loss": loss})
         self._remember(terms, images, output)
         return loss
+
+    def require_finite(self, values: Mapping[str, Tensor | float]) -> None:
+        """Stops a run whose weights, terms or measurements are not numbers any more.
+
+        Raises:
+            DivergedError: One of the values is not finite.
+        """
+        wrong = [name for name, value in values.items() if not torch.isfinite(torch.as_tensor(value)).all()]
+        if wrong:
+            kept = "the last good checkpoint stands; " if self.epoch else ""
+            raise DivergedError(
+                f"training diverged in epoch {self.epoch + 1}: {wrong[0]} is not finite; {kept}"
+                "try a lower learning_rate or smaller weights"
+            )
 
     def epoch_means(self) -> dict[str, float]:
         """Means of the terms over the epoch and over all devices, sigma, and active dimensions; forgets them."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -36,7 +38,8 @@ def validate(model: ConditionVAE, split: SplitRoute, tolerance: int, weights: We
 
     Returns:
         `held_out_bound`, a mean over frames in nats, and for aligned traverses `held_out_recall_at_1` and
-        `held_out_auc_pr`, means over all ordered pairs of traverses.
+        `held_out_auc_pr`, means over all ordered pairs of traverses. The bound alone, as NaN, where the model gives
+        numbers that are not finite.
     """
     was_training = model.training
     model.eval()
@@ -47,7 +50,10 @@ def validate(model: ConditionVAE, split: SplitRoute, tolerance: int, weights: We
         model.train(was_training)
     bounds = torch.cat([bound for _, bound in parts])
     measured = {"held_out_bound": float(bounds.mean())}
-    if not split.aligned or len(parts) < 2:
+    finite = all(torch.isfinite(descriptors).all() for descriptors, _ in parts)
+    if not finite:
+        measured["held_out_bound"] = math.nan
+    if not finite or not split.aligned or len(parts) < 2:
         return measured
     places = np.arange(len(parts[0][0]))
     truth = np.abs(places[:, None] - places[None, :]) <= tolerance

@@ -1,0 +1,83 @@
+"""The configuration of a run: recipes, errors that name the key, and config.toml."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from everplace.errors import ConfigError
+from everplace.training.config import CONFIG_FILE, TrainConfig, read_toml, recipe, write_config
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"leraning_rate": 1}, r"leraning_rate: .*; known are model, .*learning_rate"),
+        ({"weights": {"plce": 1}}, r"weights\.plce: .*; known are image, condition, place, beta_place"),
+        ({"augmentation": {"rotate": 1}}, r"augmentation\.rotate: .*; known are shift, crop"),
+        ({"learning_rate": 0}, "learning_rate: .*greater than 0"),
+        ({"learning_rate": float("nan")}, "learning_rate: "),
+        ({"weights": {"place": -1}}, r"weights\.place: .*greater than or equal to 0"),
+        ({"weights": 3}, "weights: "),
+        ({"batch_size": 1}, "batch_size: "),
+        ({"held_out": 0.5}, "held_out: .*less than 0.5"),
+        ({"image_size": (32,)}, r"image_size"),
+        ({"epochs": 0}, "epochs: "),
+        ({"seed": -1}, "seed: "),
+        ({"model": "gan"}, "model: .*'vae', 'c-vae' or 'cp-vae'"),
+        ({"epochs": 3, "minutes": 1}, "give exactly one of epochs and minutes"),
+        ({"epochs": None}, "give exactly one of epochs and minutes"),
+        ({"recipe": "worst"}, "--recipe 'worst' does not exist; choose faithful"),
+    ],
+)
+def test_a_wrong_value_is_named(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        TrainConfig.build(**{"model": "vae", "epochs": 1, **values})
+
+
+def test_the_model_must_be_given() -> None:
+    with pytest.raises(ConfigError, match="model: Field required"):
+        TrainConfig.build(epochs=1)
+
+
+def test_tables_given_in_part_keep_the_rest_of_the_recipe() -> None:
+    defaults = recipe("cp-vae", "faithful")
+    config = TrainConfig.build(model="cp-vae", epochs=1, weights={"place": 7}, augmentation={"blur": 1.5})
+    assert config.weights.place == 7
+    assert config.weights.condition == defaults["weights"]["condition"]
+    assert config.augmentation.blur == 1.5
+    assert config.augmentation.shift == defaults["augmentation"]["shift"]
+    # The recipe itself was not changed by merging.
+    assert recipe("cp-vae", "faithful") == defaults
+
+
+def test_recipes_weigh_only_the_labels_that_a_kind_has() -> None:
+    assert TrainConfig.build(model="vae", epochs=1).weights.model_dump() == dict.fromkeys(
+        ("image", "condition", "place", "beta_place", "beta_condition"), 1.0
+    )
+    assert TrainConfig.build(model="c-vae", epochs=1).weights.place == 1.0
+
+
+@pytest.mark.parametrize("length", [{"epochs": 3}, {"minutes": 0.7}])
+def test_config_toml_gives_the_configuration_back(tmp_path: Path, length: dict[str, float]) -> None:
+    config = TrainConfig.build(
+        model="c-vae", conditions=("a", 'quo"ted'), frames="3:", grey=True, image_size=(64, 96),
+        seed=5, learning_rate=1.1e-4, weights={"beta_place": 0.3}, augmentation={"shift": 0.07}, **length,
+    )  # fmt: skip
+    write_config(tmp_path, config)
+    assert TrainConfig.model_validate(read_toml(tmp_path / CONFIG_FILE)) == config
+    assert TrainConfig.build(**read_toml(tmp_path / CONFIG_FILE)) == config
+
+
+def test_a_config_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    with pytest.raises(ConfigError, match=r"--config .*mine\.toml cannot be read \(No such file"):
+        read_toml(path)
+    path.write_text("epochs = ")
+    with pytest.raises(ConfigError, match=r"mine\.toml is not TOML"):
+        read_toml(path)
+    path.write_bytes(b'a = "\xff"')
+    with pytest.raises(ConfigError, match=r"mine\.toml is not TOML"):
+        read_toml(path)

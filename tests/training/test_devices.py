@@ -1,0 +1,71 @@
+"""Two processes that train one model (DDP on the CPU)."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from everplace.model.checkpoint import load_checkpoint
+from everplace.training.frames import EpochOrder
+from everplace.training.metrics import read_metrics
+
+# Lightning starts the second process by running the script again.
+_SCRIPT = """
+import json, os, sys
+from dataclasses import asdict
+from pathlib import Path
+from everplace.data.route import open_route
+from everplace.training.config import TrainConfig
+from everplace.training.fit import train
+from everplace.training.frames import TrainingFrames
+
+route, out, seen = map(Path, sys.argv[1:])
+rank = os.environ.get("LOCAL_RANK", "0")
+read = TrainingFrames.__getitem__
+
+def noted(frames, key):
+    with (seen / rank).open("a") as file:
+        print(json.dumps([key[0], key[1].tolist()]), file=file)
+    return read(frames, key)
+
+TrainingFrames.__getitem__ = noted
+config = TrainConfig.build(model="cp-vae", image_size=(32, 32), held_out_gap=2, batch_size=8, epochs=2, seed=6)
+summary = train(open_route(route), config, out, devices=2, save_every=0)
+(seen / f"{rank}.json").write_text(json.dumps(asdict(summary)))
+"""
+
+
+@pytest.mark.slow
+def test_two_processes_train_one_run_on_the_frames_that_one_would_take(route_path: Path, tmp_path: Path) -> None:
+    script, out, seen = tmp_path / "train.py", tmp_path / "run", tmp_path / "seen"
+    script.write_text(_SCRIPT)
+    seen.mkdir()
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, script, route_path, out, seen],
+        env=environment, capture_output=True, text=True, timeout=180, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+
+    order = EpochOrder(16, 8, seed=6)
+    read = [[json.loads(line) for line in (seen / rank).read_text().splitlines()] for rank in ("0", "1")]
+    for epoch in range(2):
+        order.set_epoch(epoch)
+        for (_, batch), *parts in zip(order, *(part[2 * epoch : 2 * epoch + 2] for part in read), strict=True):
+            assert [part_epoch for part_epoch, _ in parts] == [epoch, epoch]
+            assert all(len(positions) == 4 for _, positions in parts)
+            assert sorted(np.concatenate([positions for _, positions in parts])) == sorted(batch)
+
+    assert read_metrics(out)["epoch"].tolist() == [1, 2]
+    assert load_checkpoint(out).about["epoch"] in (1, 2)
+    first, second = (json.loads((seen / f"{rank}.json").read_text()) for rank in ("0", "1"))
+    assert first["best_epoch"] == load_checkpoint(out).about["epoch"]
+    # Both know how the run ended.
+    assert second == first

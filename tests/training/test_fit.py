@@ -1,0 +1,248 @@
+"""Whole runs on a small route: what they leave, how they end, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from everplace.data.route import Route, open_route
+from everplace.errors import ConfigError, DivergedError, EverplaceError, RouteError
+from everplace.model.bounds import Weights
+from everplace.model.checkpoint import load_checkpoint
+from everplace.training import fit
+from everplace.training.callbacks import CollapseWarning
+from everplace.training.config import TrainConfig
+from everplace.training.fit import TrainSummary, bf16_is_fast, train
+from everplace.training.frames import split_route
+from everplace.training.metrics import read_metrics
+from everplace.training.module import BoundModule
+from everplace.training.state import RunProgress, load_state, save_state
+from everplace.training.validation import validate
+
+MakeConfig = Callable[..., TrainConfig]
+
+
+@pytest.fixture(scope="module")
+def run(
+    route: Route, make_config: MakeConfig, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, TrainSummary, TrainConfig]:
+    """A finished run of three epochs."""
+    out, config = tmp_path_factory.mktemp("runs") / "cp-vae", make_config(epochs=3)
+    return out, train(route, config, out, save_every=0), config
+
+
+def apart_route(root: Path) -> Route:
+    """Two traverses without a shared stem."""
+    rng = np.random.default_rng(0)
+    for condition, first in (("day", 0), ("night", 100)):
+        (root / condition).mkdir(parents=True)
+        for stem in range(first, first + 8):
+            Image.fromarray(rng.integers(0, 256, (32, 32, 3), dtype=np.uint8)).save(root / condition / f"{stem}.png")
+    return open_route(root)
+
+
+def test_a_run_leaves_checkpoint_configuration_and_metrics(
+    run: tuple[Path, TrainSummary, TrainConfig], route: Route
+) -> None:
+    out, summary, config = run
+    metrics = read_metrics(out)
+    assert metrics["epoch"].tolist() == [1, 2, 3]
+    assert np.isfinite(metrics["bound"]).all()
+    assert metrics["bound"][2] > metrics["bound"][0]
+    best = metrics["held_out_recall_at_1"]
+    # At equal recall the later epoch is kept.
+    assert summary.best_epoch == 3 - int(np.argmax(best[::-1]))
+    assert summary.best_value == pytest.approx(best.max())
+    assert replace(summary, seconds=0.0) == TrainSummary(
+        str(out), "cp-vae", 3, 0.0, 16, 8, ("day", "night"), "held_out_recall_at_1", summary.best_epoch,
+        summary.best_value,
+    )  # fmt: skip
+    checkpoint = load_checkpoint(out)
+    assert checkpoint.about == {
+        "recipe": "faithful",
+        "seed": 0,
+        "epoch": summary.best_epoch,
+        "criterion": "held_out_recall_at_1",
+        "value": summary.best_value,
+    }
+    # The sigma that training reached went along, and the measurement can be repeated with it.
+    row = summary.best_epoch - 1
+    assert checkpoint.model.log_sigma.exp().item() == pytest.approx(metrics["sigma"][row], rel=1e-5)
+    measured = validate(
+        checkpoint.model, split_route(route, config), config.tolerance, Weights(**config.weights.model_dump())
+    )
+    assert measured["held_out_bound"] == pytest.approx(metrics["held_out_bound"][row], rel=1e-4)
+    assert not [path.name for path in out.rglob("*") if ".part" in path.name]
+
+
+def test_resuming_a_finished_run_returns_at_once_with_the_same_summary(
+    run: tuple[Path, TrainSummary, TrainConfig], route: Route
+) -> None:
+    out, summary, config = run
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.name != "config.toml"}
+    assert train(route, config, out, resume=True) == summary
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.name != "config.toml"} == before
+
+
+def test_a_finished_run_is_not_trained_over(run: tuple[Path, TrainSummary, TrainConfig], route: Route) -> None:
+    out, _, config = run
+    with pytest.raises(ConfigError, match="already holds a run; add --resume"):
+        train(route, config, out)
+
+
+def test_the_same_seed_gives_the_same_weights_and_leaves_random_numbers_alone(
+    run: tuple[Path, TrainSummary, TrainConfig], route: Route, tmp_path: Path
+) -> None:
+    out, _, config = run
+    torch.manual_seed(99)
+    state = torch.random.get_rng_state()
+    train(route, config, tmp_path / "again")
+    assert torch.equal(torch.random.get_rng_state(), state)
+    first, again = (load_checkpoint(where).model.state_dict() for where in (out, tmp_path / "again"))
+    assert all(torch.equal(first[name], again[name]) for name in first)
+
+
+def test_nothing_is_printed_on_stdout(
+    route: Route, make_config: MakeConfig, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    train(route, make_config(model="vae", epochs=1), tmp_path / "run", resume=True, show=True)
+    shown = capfd.readouterr()
+    assert shown.out == ""
+    assert shown.err.startswith("epoch 1 (")
+    assert len(shown.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("minutes", [1e-9, 0.01])
+def test_a_run_by_the_clock_ends_near_it_with_a_checkpoint(
+    route: Route, make_config: MakeConfig, tmp_path: Path, minutes: float
+) -> None:
+    summary = train(route, make_config(minutes=minutes, validate_every=1000), tmp_path / "run")
+    assert summary.epochs >= 1
+    assert summary.best_epoch == summary.epochs
+    assert load_checkpoint(tmp_path / "run").about["epoch"] == summary.epochs
+    # It stops at the first step after the time; generous for a busy machine.
+    assert 60 * minutes <= summary.seconds < 60 * minutes + 20
+
+
+@pytest.mark.parametrize("model", ["vae", "c-vae"])
+def test_traverses_that_are_not_aligned_are_trained_on_and_chosen_by_the_bound(
+    make_config: MakeConfig, tmp_path: Path, model: str
+) -> None:
+    route = apart_route(tmp_path / "route")
+    summary = train(route, make_config(model=model, held_out_gap=0), tmp_path / "run")
+    assert (summary.criterion, summary.places) == ("held_out_bound", 0)
+    assert summary.best_value == pytest.approx(np.nanmax(read_metrics(tmp_path / "run")["held_out_bound"]), rel=1e-5)
+
+
+def test_what_cannot_be_trained_is_one_clear_error_and_makes_no_directory(
+    route: Route, make_config: MakeConfig, tmp_path: Path
+) -> None:
+    apart = apart_route(tmp_path / "apart")
+    refused: list[tuple[Route, TrainConfig, int, type[EverplaceError], str]] = [
+        (route, make_config(image_size=(40, 32)), 1, ConfigError, "40x32 is not a multiple of 32"),
+        (route, make_config(model="c-vae", conditions=("day",)), 1, ConfigError, "c-vae needs at least two conditions"),
+        (apart, make_config(held_out_gap=0), 1, RouteError, "share no stem, and cp-vae learns from the same places"),
+        (route, make_config(held_out_gap=10), 1, RouteError, "12 frames to train on, too few"),
+        (route, make_config(conditions=("dusk",)), 1, RouteError, "'dusk'"),
+        (route, make_config(frames="5:1"), 1, ConfigError, "5:1"),
+        (route, make_config(batch_size=6), 4, ConfigError, "a batch of 6 frames is too small for 4 devices"),
+    ]
+    for chosen, config, devices, error, message in refused:
+        with pytest.raises(error, match=message):
+            train(chosen, config, tmp_path / "run", devices=devices)
+        assert not (tmp_path / "run").exists(), message
+
+
+def test_more_places_than_the_route_had_is_a_clear_error_when_resuming(
+    route: Route, make_config: MakeConfig, tmp_path: Path
+) -> None:
+    config = make_config()
+    train(route, config, tmp_path / "run", save_every=0)
+    fewer = torch.nn.Linear(2, 2)
+    save_state(tmp_path / "run", RunProgress(epoch=1), fewer, torch.optim.AdamW(fewer.parameters()))
+    with pytest.raises(EverplaceError, match="the route has changed since"):
+        train(route, config, tmp_path / "run", resume=True)
+
+
+@pytest.mark.parametrize("batch_size", [8, 16])
+def test_a_run_that_diverges_says_so_and_keeps_no_checkpoint_of_it(
+    route: Route, make_config: MakeConfig, tmp_path: Path, batch_size: int
+) -> None:
+    """With all frames in one batch only the validation can tell."""
+    config = make_config(learning_rate=1e30, batch_size=batch_size, weights={"image": 1.0})
+    with pytest.raises(DivergedError, match=r"diverged in epoch 1: .* is not finite; try a lower learning_rate"):
+        train(route, config, tmp_path / "run", save_every=0)
+    assert not (tmp_path / "run" / "checkpoint.json").exists()
+    assert load_state(tmp_path / "run") is None
+
+
+def test_the_last_good_checkpoint_outlives_a_run_that_diverges(
+    route: Route, make_config: MakeConfig, tmp_path: Path
+) -> None:
+    out, config = tmp_path / "run", make_config()
+    train(route, config, out)
+    checkpoint = (out / "checkpoint.json").read_bytes()
+    model = load_checkpoint(out).model
+    with torch.no_grad():
+        model.encoder.z_mean.weight[0, 0] = math.nan
+    save_state(out, RunProgress(epoch=1, best_epoch=1, best_value=0.0), model, torch.optim.AdamW(model.parameters()))
+    with pytest.raises(DivergedError, match=r"diverged in epoch 2: .* not finite; the last good checkpoint stands"):
+        train(route, config, out, resume=True)
+    assert (out / "checkpoint.json").read_bytes() == checkpoint
+    assert all(torch.isfinite(value).all() for value in load_checkpoint(out).model.state_dict().values())
+
+
+@pytest.mark.parametrize(("model", "remedy"), [("cp-vae", "place"), ("vae", "image")])
+def test_a_block_that_collapses_is_warned_of_once(
+    route: Route, make_config: MakeConfig, tmp_path: Path, model: str, remedy: str
+) -> None:
+    weights = {"beta_place": 1e9, "beta_condition": 0.0, "place": 0.0}
+    config = make_config(
+        model=model, weights=weights, warmup_epochs=0.0, epochs=8, batch_size=4, validate_every=8, learning_rate=2e-3
+    )
+    with pytest.warns(CollapseWarning) as caught:
+        train(route, config, tmp_path / "run")
+    messages = [str(warning.message) for warning in caught if warning.category is CollapseWarning]
+    assert len(messages) == 1
+    assert messages[0].startswith("z_p has collapsed in epoch ")
+    assert messages[0].endswith(f"try a lower weights.beta_place, a longer warmup_epochs or a higher weights.{remedy}")
+
+
+def test_bfloat16_is_used_only_where_the_device_multiplies_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx2": True, "avx512_bf16": False}, raising=False)
+    assert not bf16_is_fast("cpu")
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx512_bf16": True}, raising=False)
+    assert bf16_is_fast("cpu")
+
+
+def test_training_in_bfloat16_keeps_the_bound_in_float32(
+    route: Route, make_config: MakeConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: set[torch.dtype] = set()
+    original = BoundModule._remember
+
+    def remember(module: BoundModule, terms: dict[str, torch.Tensor], *rest: torch.Tensor) -> None:
+        seen.update(term.dtype for term in terms.values())
+        seen.update(parameter.dtype for parameter in module.parameters())
+        original(module, terms, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(fit, "bf16_is_fast", lambda _: True)
+    monkeypatch.setattr(BoundModule, "_remember", remember)
+    train(route, make_config(epochs=1, batch_size=4), tmp_path / "run")
+    assert seen == {torch.float32}
+    assert np.isfinite(read_metrics(tmp_path / "run")["bound"]).all()
+
+
+def test_json_values_of_a_checkpoint_are_plain(run: tuple[Path, TrainSummary, TrainConfig]) -> None:
+    document = json.loads((run[0] / "checkpoint.json").read_text())
+    assert document["format"] == 1
+    assert document["model"]["places"] == 8
+    assert document["model"]["conditions"] == ["day", "night"]

@@ -1,0 +1,137 @@
+"""What the gradient sees, in which order, with which labels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from PIL import Image
+
+from everplace.data.augment import Augmentation
+from everplace.data.route import Route, open_route
+from everplace.errors import RouteError
+from everplace.training.config import TrainConfig
+from everplace.training.frames import EpochOrder, FrameBlock, SplitRoute, TrainingFrames, split_route
+
+MakeConfig = Callable[..., TrainConfig]
+
+NONE = Augmentation()
+
+
+def numbered_route(root: Path, traverses: dict[str, range]) -> Route:
+    """Grey 32×32 frames whose value says which frame it is: traverse index × 100 + stem."""
+    for index, (name, stems) in enumerate(traverses.items()):
+        (root / name).mkdir(parents=True)
+        for stem in stems:
+            image = np.full((32, 32), index * 100 + stem, dtype=np.uint8)
+            Image.fromarray(image).save(root / name / f"{stem}.png")
+    return open_route(root)
+
+
+def values(block: FrameBlock) -> list[int]:
+    return [int(frame[0, 0, 0]) for frame in block.pixels]
+
+
+def order_of(order: EpochOrder, epoch: int) -> list[NDArray[np.int64]]:
+    order.set_epoch(epoch)
+    return [positions for _, positions in order]
+
+
+def test_the_held_out_block_is_contiguous_at_the_end_behind_a_gap(tmp_path: Path, make_config: MakeConfig) -> None:
+    route = numbered_route(tmp_path, {"a": range(20), "b": range(20)})
+    split = split_route(route, make_config(held_out=0.2, held_out_gap=3, grey=True))
+    assert [values(block) for block in split.training] == [list(range(13)), list(range(100, 113))]
+    assert [values(block) for block in split.held_out] == [list(range(16, 20)), list(range(116, 120))]
+    assert [block.condition for block in split.training] == [0, 1]
+    assert (split.conditions, split.aligned, split.places) == (("a", "b"), True, 13)
+
+
+def test_traverses_without_shared_stems_have_no_places(tmp_path: Path, make_config: MakeConfig) -> None:
+    route = numbered_route(tmp_path, {"a": range(10), "b": range(50, 70)})
+    split = split_route(route, make_config(model="c-vae", held_out_gap=0, grey=True))
+    assert not split.aligned
+    assert split.places == 0
+    assert [len(block.pixels) for block in split.training] == [8, 18]
+    batch = TrainingFrames(split, NONE, seed=0)[(0, np.arange(26))]
+    assert set(batch.places.tolist()) == {-1}
+    assert batch.conditions.tolist() == [0] * 8 + [1] * 18
+
+
+def test_two_traverses_may_share_a_condition(tmp_path: Path, make_config: MakeConfig) -> None:
+    numbered_route(tmp_path, {"a": range(10), "b": range(10), "c": range(10)})
+    (tmp_path / "route.toml").write_text('[traverses.a]\ncondition = "x"\n[traverses.c]\ncondition = "x"\n')
+    split = split_route(open_route(tmp_path), make_config(held_out_gap=0, grey=True))
+    assert [split.conditions[block.condition] for block in split.training] == ["x", "b", "x"]
+
+
+def test_too_few_frames_are_one_clear_error(tmp_path: Path, make_config: MakeConfig) -> None:
+    route = numbered_route(tmp_path, {"a": range(13), "b": range(13)})
+    with pytest.raises(RouteError, match=r"traverse a has 13 frames .* hold out 2 behind a gap of 10; .*held_out_gap"):
+        split_route(route, make_config(held_out_gap=10, grey=True))
+
+
+def test_every_frame_has_its_condition_and_place(tmp_path: Path, make_config: MakeConfig) -> None:
+    route = numbered_route(tmp_path, {"a": range(10), "b": range(10)})
+    frames = TrainingFrames(split_route(route, make_config(held_out_gap=1, grey=True)), NONE, seed=0)
+    assert len(frames) == 14
+    positions = np.array([13, 0, 7, 6])
+    batch = frames[(4, positions)]
+    assert batch.images.shape == (4, 32, 32, 1)
+    assert batch.images[:, 5, 5, 0].tolist() == [106, 0, 100, 6]
+    assert batch.conditions.tolist() == [1, 0, 1, 0]
+    assert batch.places.tolist() == [6, 0, 0, 6]
+
+
+def test_augmentation_depends_on_seed_epoch_and_position_alone() -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, (6, 32, 32, 3), dtype=np.uint8)
+    split = SplitRoute(("a",), (FrameBlock(pixels, 0),), (), aligned=True)
+    strong = Augmentation(shift=0.2, brightness=0.3)
+    frames = TrainingFrames(split, strong, seed=1)
+    together = frames[(2, np.array([0, 1, 2, 3]))].images
+    apart = frames[(2, np.array([3, 5, 1]))].images
+    assert together[3].equal(apart[0])
+    assert together[1].equal(apart[2])
+    assert not together[3].equal(frames[(3, np.array([3]))].images[0])
+    assert not together[3].equal(TrainingFrames(split, strong, seed=2)[(2, np.array([3]))].images[0])
+    assert np.array_equal(pixels, split.training[0].pixels)
+
+
+@given(st.integers(2, 60), st.integers(2, 40), st.integers(0, 2**32 - 1), st.integers(0, 50))
+@settings(max_examples=40, deadline=None)
+def test_an_epoch_is_full_batches_of_distinct_frames(frames: int, batch: int, seed: int, epoch: int) -> None:
+    order = EpochOrder(frames, batch, seed)
+    batches = order_of(order, epoch)
+    seen = np.concatenate(batches)
+    assert len(batches) == len(order) == frames // min(batch, frames)
+    assert {len(positions) for positions in batches} == {min(batch, frames)}
+    assert len(np.unique(seen)) == len(seen)
+    assert set(seen) <= set(range(frames))
+    if frames % batch == 0:
+        assert sorted(seen) == list(range(frames))
+
+
+def test_the_order_is_a_function_of_seed_and_epoch() -> None:
+    fresh, resumed = EpochOrder(30, 7, seed=4), EpochOrder(30, 7, seed=4, first_epoch=5)
+    # A resumed process counts its own epochs from 0.
+    for epoch in range(3):
+        assert np.array_equal(order_of(fresh, 5 + epoch), order_of(resumed, epoch))
+    assert [epoch for epoch, _ in resumed] == [7] * 4
+    assert not np.array_equal(order_of(fresh, 0), order_of(fresh, 1))
+    assert not np.array_equal(order_of(fresh, 0), order_of(EpochOrder(30, 7, seed=5), 0))
+
+
+@pytest.mark.parametrize("world", [2, 3])
+def test_devices_share_out_the_same_batches(world: int) -> None:
+    alone = order_of(EpochOrder(40, 8, seed=2), 1)
+    parts = []
+    for rank in range(world):
+        order = EpochOrder(40, 8, seed=2)
+        order.share(rank, world)
+        parts.append(order_of(order, 1))
+    for index, batch in enumerate(alone):
+        assert sorted(np.concatenate([part[index] for part in parts])) == sorted(batch)

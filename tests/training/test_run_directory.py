@@ -1,0 +1,96 @@
+"""What stands in a run directory, and whether it may be continued."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from everplace.errors import CheckpointError, ConfigError
+from everplace.training.config import CONFIG_FILE, TrainConfig
+from everplace.training.run_directory import leads, prepare_run
+from everplace.training.state import RESUME, RunProgress, save_state
+
+MakeConfig = Callable[..., TrainConfig]
+
+
+def test_a_new_directory_gets_the_configuration(tmp_path: Path, make_config: MakeConfig) -> None:
+    assert prepare_run(tmp_path / "deep" / "run", make_config(), resume=False) is None
+    assert [path.name for path in (tmp_path / "deep" / "run").iterdir()] == [CONFIG_FILE]
+
+
+def test_resume_with_nothing_there_starts(tmp_path: Path, make_config: MakeConfig) -> None:
+    assert prepare_run(tmp_path / "run", make_config(), resume=True) is None
+    # And so does a run that was stopped before its first state.
+    assert prepare_run(tmp_path / "run", make_config(), resume=True) is None
+
+
+def test_another_run_is_not_overwritten(tmp_path: Path, make_config: MakeConfig) -> None:
+    prepare_run(tmp_path, make_config(), resume=False)
+    with pytest.raises(ConfigError, match=f"{tmp_path} already holds a run; add --resume"):
+        prepare_run(tmp_path, make_config(), resume=False)
+
+
+def test_a_file_is_no_run_directory(tmp_path: Path, make_config: MakeConfig) -> None:
+    (tmp_path / "run").write_text("")
+    with pytest.raises(ConfigError, match="run is a file; name a directory"):
+        prepare_run(tmp_path / "run", make_config(), resume=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("epochs", {"epochs": 3}),
+        ("seed", {"seed": 1}),
+        ("weights", {"weights": {"place": 2.0}}),
+        ("conditions", {"conditions": ("day", "night")}),
+        ("model", {"model": "vae"}),
+    ],
+)
+def test_another_setting_is_named_when_resuming(
+    tmp_path: Path, make_config: MakeConfig, name: str, change: dict[str, object]
+) -> None:
+    prepare_run(tmp_path, make_config(), resume=False)
+    before = (tmp_path / CONFIG_FILE).read_bytes()
+    with pytest.raises(ConfigError, match=f"--resume continues a run with its own settings, but {name} was"):
+        prepare_run(tmp_path, make_config(**change), resume=True)
+    assert (tmp_path / CONFIG_FILE).read_bytes() == before
+
+
+@pytest.mark.parametrize("text", ["[", "colour = 1\n", 'model = "vae"\n'])
+def test_an_altered_configuration_is_named(tmp_path: Path, make_config: MakeConfig, text: str) -> None:
+    prepare_run(tmp_path, make_config(), resume=False)
+    (tmp_path / CONFIG_FILE).write_text(text)
+    with pytest.raises(CheckpointError, match=r"config\.toml was not written by this version"):
+        prepare_run(tmp_path, make_config(), resume=True)
+
+
+def test_the_state_comes_back_and_leftovers_of_a_killed_process_go(tmp_path: Path, make_config: MakeConfig) -> None:
+    prepare_run(tmp_path, make_config(), resume=False)
+    save_state(tmp_path, RunProgress(epoch=1, best_epoch=1, best_value=0.5), None, None)
+    leftovers = [tmp_path / ".checkpoint-0a.12-ab.part.safetensors", tmp_path / RESUME / ".state.12-ab.part.json"]
+    for leftover in leftovers:
+        leftover.write_bytes(b"half")
+    (tmp_path / "notes.part.txt").write_text("somebody's own")
+    state = prepare_run(tmp_path, make_config(), resume=True)
+    assert state is not None
+    assert state.progress.epoch == 1
+    assert not any(leftover.exists() for leftover in leftovers)
+    assert (tmp_path / "notes.part.txt").exists()
+
+
+@pytest.mark.parametrize(("local", "node", "expected"), [("0", "0", True), ("1", "0", False), ("0", "1", False)])
+def test_one_process_of_all_writes_the_run(
+    tmp_path: Path, make_config: MakeConfig, monkeypatch: pytest.MonkeyPatch, local: str, node: str, expected: bool
+) -> None:
+    assert leads()
+    prepare_run(tmp_path / "begun", make_config(), resume=False)
+    monkeypatch.setenv("LOCAL_RANK", local)
+    monkeypatch.setenv("NODE_RANK", node)
+    assert leads() is expected
+    if not expected:
+        # The others come when the first one has begun already.
+        assert prepare_run(tmp_path / "begun", make_config(), resume=False) is None
+        prepare_run(tmp_path / "new", make_config(), resume=False)
+        assert not (tmp_path / "new").exists()
