@@ -103,7 +103,7 @@ def _bare_steps(model: ConditionVAE, config: TrainConfig, stored: list[tuple[tor
         terms = bound_terms(model, images, output, log_sigma, labels, weights)
         loss = -terms["bound"].mean() / images[0].numel()
         optimizer.zero_grad()
-        loss.backward()
+        torch.autograd.backward(loss)
         torch.nn.utils.clip_grad_norm_(model.parameters(), GRADIENT_NORM)
         optimizer.step()
         times.append(time.perf_counter() - start)

@@ -92,7 +92,7 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
 def way(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The whole way once: a rendered route, a short training, descriptors, matches, an evaluation."""
     base = tmp_path_factory.mktemp("way")
-    steps = [
+    steps: list[list[str | Path]] = [
         ["data", "render", "--out", base / "route", "--places", "60", "--image-size", "32", "64",
          "--conditions", "summer,winter"],
         ["train", base / "route", "--model", "cp-vae", "--frames", ":40", "--image-size", "32", "64", "--epochs", "2",
@@ -161,8 +161,18 @@ def test_an_evaluation_writes_metrics_and_a_report(way: Path) -> None:
 
 @pytest.mark.parametrize("what", ["swap", "constant", "matrix", "matches"])
 def test_show_draws_a_picture(way: Path, tmp_path: Path, what: str) -> None:
-    model = [way / "run", way / "route", "--frames", "40:"]
-    pair = [way / "route", "--method", "hog", "--database", "summer", "--query", "winter", "--frames", "40:"]
+    model: list[str | Path] = [way / "run", way / "route", "--frames", "40:"]
+    pair: list[str | Path] = [
+        way / "route",
+        "--method",
+        "hog",
+        "--database",
+        "summer",
+        "--query",
+        "winter",
+        "--frames",
+        "40:",
+    ]
     status, out, err = call(
         "show", what, *(model if what in ("swap", "constant") else pair), "--out", tmp_path / "a.png"
     )
@@ -185,7 +195,7 @@ def test_compare_names_every_pair_and_method(way: Path, tmp_path: Path) -> None:
 
 
 def test_a_training_run_is_not_overwritten(way: Path) -> None:
-    again = [
+    again: list[str | Path] = [
         "train",
         way / "route",
         "--model",

@@ -94,7 +94,9 @@ def test_crop_only_enlarges_what_is_inside() -> None:
 
 def test_brightness_and_contrast_stay_in_their_bounds() -> None:
     middle = np.full((4, 4, 1), 127, dtype=np.uint8)
-    levels = [int(augment(middle, Augmentation(brightness=0.2), augmentation_rng(0, 0, i))[0, 0, 0]) for i in range(200)]
+    levels = [
+        int(augment(middle, Augmentation(brightness=0.2), augmentation_rng(0, 0, i))[0, 0, 0]) for i in range(200)
+    ]
     assert 127 - 52 <= min(levels) < 127 - 40
     assert 127 + 40 < max(levels) <= 127 + 52
     two = np.array([[[77], [178]]], dtype=np.uint8)

@@ -89,9 +89,7 @@ def test_content_decides_not_the_ending(tmp_path: Path) -> None:
     np.testing.assert_array_equal(decode_image(path, COLOUR), landscape())
 
 
-def test_jpeg_is_decoded_reduced_but_never_below_the_target(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_jpeg_is_decoded_reduced_but_never_below_the_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.jpg"
     Image.fromarray(landscape(480, 640)).save(path, quality=95)
     sizes: list[tuple[int, ...]] = []

@@ -46,6 +46,4 @@ def test_order_is_total_and_the_short_cuts_agree_with_the_key(names: list[str], 
 def test_names_built_alike(numbers: list[int], prefix: str, suffix: str, padded: bool) -> None:
     names = [f"{prefix}{number:{'06' if padded else ''}}{suffix}" for number in numbers]
     assert natural_sorted(names) == sorted(names, key=natural_key)
-    assert natural_sorted(names) == [
-        f"{prefix}{number:{'06' if padded else ''}}{suffix}" for number in sorted(numbers)
-    ]
+    assert natural_sorted(names) == [f"{prefix}{number:{'06' if padded else ''}}{suffix}" for number in sorted(numbers)]

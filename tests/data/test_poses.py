@@ -10,7 +10,7 @@ from everplace.errors import RouteError
 
 def test_poses_are_joined_by_stem(tmp_path: Path) -> None:
     path = tmp_path / "poses.csv"
-    text = "\ufeffheading, stem ,note,x,y\n0.5,b,\"x, y\",1,2\n\n0,a,,3e2,-4\n9,other,,9,9\n"
+    text = '\ufeffheading, stem ,note,x,y\n0.5,b,"x, y",1,2\n\n0,a,,3e2,-4\n9,other,,9,9\n'
     path.write_text(text, encoding="utf-8")
     poses = read_poses(path, ("a", "b"))
     assert poses.tolist() == [[300.0, -4.0, 0.0], [1.0, 2.0, 0.5]]

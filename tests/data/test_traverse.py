@@ -11,9 +11,7 @@ from everplace.data.traverse import Frame, Pose, Traverse
 @pytest.fixture
 def drive() -> Traverse:
     poses = np.arange(12, dtype=np.float64).reshape(4, 3)
-    return Traverse(
-        "jan", "winter", Path("/r/jan"), ("1", "2", "10", "x.y"), (".png", ".jpg", ".png", ".PNG"), poses
-    )
+    return Traverse("jan", "winter", Path("/r/jan"), ("1", "2", "10", "x.y"), (".png", ".jpg", ".png", ".PNG"), poses)
 
 
 def test_frames_are_made_on_access(drive: Traverse) -> None:

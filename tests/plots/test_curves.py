@@ -63,8 +63,7 @@ def test_one_panel_for_every_ordered_pair(make_curve: Make) -> None:
     conditions = ["spring", "summer", "fall", "winter"]
     figure = new_figure(9)
     panels = {
-        pair: {"hog": make_curve([0.5], [1.0]), "sad": make_curve([0.2], [0.7])}
-        for pair in permutations(conditions, 2)
+        pair: {"hog": make_curve([0.5], [1.0]), "sad": make_curve([0.2], [0.7])} for pair in permutations(conditions, 2)
     }
     axes = draw_precision_recall_panels(figure, panels)
     assert [panel.get_title() for panel in axes] == [f"{query} in {database}" for query, database in panels]

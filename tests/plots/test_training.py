@@ -26,9 +26,7 @@ def _titles(axes: list[Axes]) -> list[str]:
 
 
 def test_columns_of_one_unit_share_a_panel() -> None:
-    assert training_panels(
-        ["epoch", "train/bound", "val/bound", "kl_p", "train_kl_c", "lr", "training", "x_1"]
-    ) == {
+    assert training_panels(["epoch", "train/bound", "val/bound", "kl_p", "train_kl_c", "lr", "training", "x_1"]) == {
         "bound": ["train/bound", "val/bound"],
         "KL per block (nats)": ["kl_p", "train_kl_c"],
         "lr": ["lr"],

@@ -61,12 +61,8 @@ def test_table_heads_numbers_and_best() -> None:
         digits=3,
     )
     assert '<th scope="col">method</th><th scope="col" class="number">recall@1</th>' in table
-    assert '<td class="number best"><strong>0.589</strong></td><td class="number">2</td>' in _row(
-        table, "hog"
-    )
-    assert '<td class="number">0.280</td><td class="number best"><strong>1</strong></td>' in _row(
-        table, "sad"
-    )
+    assert '<td class="number best"><strong>0.589</strong></td><td class="number">2</td>' in _row(table, "hog")
+    assert '<td class="number">0.280</td><td class="number best"><strong>1</strong></td>' in _row(table, "sad")
     assert '<th scope="row">dino</th>' in table
     assert "best" not in _row(table, "dino")
     assert "weights &lt;absent&gt;" in table
@@ -86,9 +82,7 @@ def test_what_looks_the_same_is_best_together() -> None:
 
 
 def test_a_column_without_numbers_has_no_best() -> None:
-    table = table_block(
-        ["m", "auc"], [["a", None], ["b", float("nan")]], caption="", best={"auc": "lowest"}, digits=3
-    )
+    table = table_block(["m", "auc"], [["a", None], ["b", float("nan")]], caption="", best={"auc": "lowest"}, digits=3)
     assert "<strong>" not in table
 
 

@@ -23,9 +23,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    api = pytest.importorskip(
-        "playwright.sync_api", reason="playwright is not installed: pip install 'everplace[dev]'"
-    )
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'everplace[dev]'")
     if not CHROMIUM.exists():
         pytest.skip(f"{CHROMIUM} is not there: install the chromium package")
     with api.sync_playwright() as playwright:
@@ -39,9 +37,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    page = Report(
-        "Comparison", subtitle="of two methods", details={"command": "everplace compare " + "x" * 300}
-    )
+    page = Report("Comparison", subtitle="of two methods", details={"command": "everplace compare " + "x" * 300})
     lines, axes = new_axes(8, 4)
     axes.plot([0, 1])
     cells, other = new_axes(8, 4)

@@ -37,6 +37,7 @@ def render(
 
     Example: everplace data render --out my-route --places 200 --image-size 224 224
     """
+    from everplace.data.images import usable_cores
     from everplace.data.render.config import render_config
     from everplace.data.render.route import render_route
 
@@ -46,7 +47,7 @@ def render(
     if conditions:
         given["conditions"] = tuple(name for name in conditions.split(",") if name)
     config = render_config(given)
-    render_route(out, config, progress=show_progress())
+    render_route(out, config, progress=show_progress(), workers=usable_cores())
     show_result({"route": str(out), "traverses": list(config.conditions), "places": config.places}, as_json)
 
 

@@ -47,9 +47,7 @@ def augmentation_rng(seed: int, epoch: int, index: int) -> np.random.Generator:
     return np.random.Generator(np.random.Philox(key=(seed << 64) | (epoch << 32) | index))
 
 
-def augment(
-    image: NDArray[np.uint8], augmentation: Augmentation, rng: np.random.Generator
-) -> NDArray[np.uint8]:
+def augment(image: NDArray[np.uint8], augmentation: Augmentation, rng: np.random.Generator) -> NDArray[np.uint8]:
     """Returns a changed copy of an image.
 
     Shifts are whole pixels (a fraction would blur). What comes in from outside mirrors the border.
@@ -85,9 +83,7 @@ def augment(
         # Not convertScaleAbs, which would turn what falls below black bright again.
         result = np.asarray(cv2.addWeighted(result, gain, result, 0.0, offset), dtype=np.uint8)
     if augmentation.blur:
-        result = np.asarray(
-            cv2.GaussianBlur(result, (0, 0), max(augmentation.blur * sigma, 1e-3)), dtype=np.uint8
-        )
+        result = np.asarray(cv2.GaussianBlur(result, (0, 0), max(augmentation.blur * sigma, 1e-3)), dtype=np.uint8)
     return image.copy() if result is image else result.reshape(image.shape)
 
 

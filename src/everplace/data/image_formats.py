@@ -71,8 +71,7 @@ def decode_bytes(name: str, data: bytes, target: tuple[int, int] | None, *, grey
     reader = next((reader for start, reader in _READERS if data.startswith(start)), None)
     if reader is None:
         raise ImageError(
-            f"{name} is not an image of a known format; convert it to PNG or JPEG, "
-            "or move it out of the route"
+            f"{name} is not an image of a known format; convert it to PNG or JPEG, or move it out of the route"
         )
     if reader is PngImageFile:
         _check_png(data)
@@ -118,10 +117,7 @@ def _to_8_bit(name: str, image: Image.Image) -> Image.Image:
     if image.mode.startswith("I;16") or (image.mode == "I" and image.format in {"PNG", "PPM"}):
         return Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
     if image.mode in {"I", "F"}:
-        raise ImageError(
-            f"{name} has 32-bit pixels, whose range nobody knows; export the frame with 8 or 16 "
-            "bits"
-        )
+        raise ImageError(f"{name} has 32-bit pixels, whose range nobody knows; export the frame with 8 or 16 bits")
     if image.mode == "L" and "transparency" not in image.info:
         return image
     if "A" in image.getbands() or "a" in image.getbands() or "transparency" in image.info:

@@ -1,8 +1,8 @@
 """Decoding image files: strict, limited, silent, and always to the same kind of array.
 
-Pillow decodes and OpenCV resizes. OpenCV's own decoders return the grey lower half of a truncated file as if it were the
-picture, and print libjpeg's and libpng's warnings on stderr; Pillow refuses what is broken, in silence (only libtiff has
-a word to say about broken compressed TIFFs). `image_formats` says how each format becomes 8-bit grey or RGB.
+Pillow decodes and OpenCV resizes. OpenCV's own decoders return the grey lower half of a truncated file as if it were
+the picture, and print libjpeg's and libpng's warnings on stderr; Pillow refuses what is broken, in silence (only libtiff
+has a word to say about broken compressed TIFFs). `image_formats` says how each format becomes 8-bit grey or RGB.
 """
 
 from __future__ import annotations
@@ -111,9 +111,7 @@ def decode_image(path: Path, spec: ImageSpec) -> NDArray[np.uint8]:
     return pixels
 
 
-def decode_images(
-    paths: Sequence[Path], spec: ImageSpec, *, threads: int | None = None
-) -> Iterator[NDArray[np.uint8]]:
+def decode_images(paths: Sequence[Path], spec: ImageSpec, *, threads: int | None = None) -> Iterator[NDArray[np.uint8]]:
     """Decodes many image files in order, some ahead of the reader.
 
     Args:

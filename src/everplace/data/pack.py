@@ -66,9 +66,7 @@ def default_cache() -> Path:
     return (Path(chosen) if chosen else user_cache_path("everplace", appauthor=False)) / "packed"
 
 
-def pack(
-    traverse: Traverse, spec: ImageSpec, *, cache: Path | None = None, progress: Progress = quiet
-) -> PackedImages:
+def pack(traverse: Traverse, spec: ImageSpec, *, cache: Path | None = None, progress: Progress = quiet) -> PackedImages:
     """Decodes a traverse, or opens the pack that an earlier call made of the same files.
 
     Args:
@@ -138,17 +136,13 @@ def _open(directory: Path, shape: tuple[int, ...]) -> NDArray[np.uint8] | None:
     return pixels if whole and size == pixels.offset + pixels.nbytes else None
 
 
-def _fill(
-    directory: Path, traverse: Traverse, spec: ImageSpec, shape: tuple[int, ...], progress: Progress
-) -> None:
+def _fill(directory: Path, traverse: Traverse, spec: ImageSpec, shape: tuple[int, ...], progress: Progress) -> None:
     """Writes the two files of a pack."""
     header = {"descr": "|u1", "fortran_order": False, "shape": shape}
     # Written, not mapped: on a full disk a write raises OSError, a store to a mapped page kills the process.
     with (directory / _PIXELS).open("wb", buffering=_BUFFER_BYTES) as file:
         np.lib.format.write_array_header_1_0(file, header)
-        for image in progress(
-            decode_images(traverse.paths, spec), f"decoding {traverse.name}", len(traverse)
-        ):
+        for image in progress(decode_images(traverse.paths, spec), f"decoding {traverse.name}", len(traverse)):
             file.write(image.data)
         file.flush()
         os.fsync(file.fileno())
@@ -187,7 +181,5 @@ def _set_aside(directory: Path) -> None:
     except FileNotFoundError:
         return
     except OSError as error:
-        raise StorageError(
-            f"cannot replace {readable(directory)}: {error.strerror or error}; remove it"
-        ) from error
+        raise StorageError(f"cannot replace {readable(directory)}: {error.strerror or error}; remove it") from error
     shutil.rmtree(aside, ignore_errors=True)

@@ -52,16 +52,13 @@ def read_poses(path: Path, stems: Sequence[str]) -> NDArray[np.float64]:
     return poses
 
 
-def _read_rows(
-    path: Path, lines: Iterator[list[str]], wanted: frozenset[str]
-) -> dict[str, tuple[float, float, float]]:
+def _read_rows(path: Path, lines: Iterator[list[str]], wanted: frozenset[str]) -> dict[str, tuple[float, float, float]]:
     """Returns x, y, heading by stem."""
     header = [name.strip() for name in next(lines, [])]
     absent = [name for name in _COLUMNS if name not in header]
     if absent:
         raise RouteError(
-            f"{readable(path)} lacks the column {absent[0]!r} in its first line; it must name stem, x, y, "
-            "heading"
+            f"{readable(path)} lacks the column {absent[0]!r} in its first line; it must name stem, x, y, heading"
         )
     columns = [header.index(name) for name in _COLUMNS]
     found: dict[str, tuple[float, float, float]] = {}

@@ -72,9 +72,7 @@ class Route:
         for name in names:
             if all(name not in (traverse.name, traverse.condition) for traverse in self.traverses):
                 raise self._unknown(name)
-        chosen = tuple(
-            traverse for traverse in self.traverses if traverse.name in names or traverse.condition in names
-        )
+        chosen = tuple(traverse for traverse in self.traverses if traverse.name in names or traverse.condition in names)
         if not chosen:
             raise RouteError(f"no traverse of {readable(self.root)} was chosen; {self._offer()}")
         return replace(self, traverses=chosen)
@@ -104,9 +102,7 @@ class Route:
     def _offer(self) -> str:
         """Says what can be chosen."""
         names = [
-            traverse.name
-            if traverse.name == traverse.condition
-            else f"{traverse.name} ({traverse.condition})"
+            traverse.name if traverse.name == traverse.condition else f"{traverse.name} ({traverse.condition})"
             for traverse in self.traverses
         ]
         return f"there are: {', '.join(names)}"
@@ -137,7 +133,5 @@ def _restrict(traverse: Traverse, wanted: frozenset[str]) -> Traverse:
     positions = [position for position, stem in enumerate(traverse.stems) if stem in wanted]
     if len(positions) != len(wanted):
         missing = min(wanted.difference(traverse.stems), key=natural_key)
-        raise RouteError(
-            f"the traverse {traverse.name!r} lacks the frame {missing!r}; restrict to shared stems"
-        )
+        raise RouteError(f"the traverse {traverse.name!r} lacks the frame {missing!r}; restrict to shared stems")
     return traverse.take(positions)

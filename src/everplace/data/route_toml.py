@@ -88,9 +88,7 @@ def read_route_toml(route: Path) -> RouteToml:
     except (FileNotFoundError, NotADirectoryError):
         return RouteToml()
     except OSError as error:
-        raise ConfigError(
-            f"cannot read {readable(path)}: {error.strerror or error}; check its permissions"
-        ) from error
+        raise ConfigError(f"cannot read {readable(path)}: {error.strerror or error}; check its permissions") from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(f"{readable(path)} is not valid TOML ({error}); correct it") from error
     try:

@@ -54,9 +54,7 @@ def parse_frames(text: str) -> slice:
     """
     match = _FRAMES.fullmatch(text.strip())
     if match is None:
-        raise ConfigError(
-            f"--frames {text!r} is not A:B with two positions from 0 on, like 0:1600, 1620: or :500"
-        )
+        raise ConfigError(f"--frames {text!r} is not A:B with two positions from 0 on, like 0:1600, 1620: or :500")
     start, stop = (int(side) if side else None for side in match.groups())
     if stop is not None and (start or 0) >= stop:
         raise ConfigError(f"--frames {text!r} holds no place; the first position must be below the second")
@@ -85,9 +83,7 @@ def select(route: Route, selection: Selection, progress: Progress = quiet) -> Ro
     shared = route.shared_stems()
     if shared:
         return _restrict(route.at(shared), selection, progress)
-    alone = [
-        _restrict(replace(route, traverses=(traverse,)), selection, progress) for traverse in route.traverses
-    ]
+    alone = [_restrict(replace(route, traverses=(traverse,)), selection, progress) for traverse in route.traverses]
     return replace(route, traverses=tuple(part.traverses[0] for part in alone))
 
 

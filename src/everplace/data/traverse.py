@@ -103,6 +103,4 @@ class Traverse(Sequence[Frame]):
     @property
     def paths(self) -> tuple[Path, ...]:
         """The image files, in order."""
-        return tuple(
-            self.root / (stem + ending) for stem, ending in zip(self.stems, self.endings, strict=True)
-        )
+        return tuple(self.root / (stem + ending) for stem, ending in zip(self.stems, self.endings, strict=True))

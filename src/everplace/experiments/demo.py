@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from everplace.data.images import usable_cores
 from everplace.data.render.config import render_config
 from everplace.data.render.route import render_route
 from everplace.data.route import open_route
@@ -23,10 +24,11 @@ from everplace.training.metrics import read_metrics
 
 __all__ = ["run_demo"]
 
-PLACES = 420
-TRAINED = "0:300"
-TESTED = "320:"
+PLACES = 640
+TRAINED = "0:500"
+TESTED = "520:"
 EPOCHS = 24
+RENDERED = (64, 128)
 SIZE = (32, 64)
 MODELS: tuple[ModelKind, ...] = ("c-vae", "cp-vae")
 
@@ -48,8 +50,8 @@ def run_demo(out: Path, *, details: dict[str, str], progress: Progress = quiet, 
     """
     route_directory = out / "route"
     if not route_directory.exists():
-        world = render_config({"places": PLACES, "size": SIZE, "conditions": ("summer", "winter")})
-        render_route(route_directory, world, progress=progress)
+        world = render_config({"places": PLACES, "size": RENDERED, "conditions": ("summer", "winter")})
+        render_route(route_directory, world, progress=progress, workers=usable_cores())
     route = open_route(route_directory)
     describers: dict[str, Describer] = {}
     curves = {}

@@ -106,9 +106,7 @@ def displayable(image: Image) -> NDArray[np.uint8]:
     if array.ndim == 2:
         array = array[:, :, None]
     if array.ndim != 3 or array.shape[2] not in (1, 3) or array.size == 0:
-        raise ImageError(
-            f"cannot draw an array of shape {np.shape(image)}; give an image H×W, H×W×1 or H×W×3"
-        )
+        raise ImageError(f"cannot draw an array of shape {np.shape(image)}; give an image H×W, H×W×1 or H×W×3")
     if np.issubdtype(array.dtype, np.floating):
         array = np.rint(np.clip(np.nan_to_num(array, nan=0.0), 0.0, 1.0) * 255.0).astype(np.uint8)
     elif array.dtype != np.uint8:
@@ -132,9 +130,7 @@ def place_image(axes: Axes, image: Image, cell: Cell) -> AxesImage:
     return axes.imshow(pixels, extent=(left, left + columns * scale, top + rows * scale, top), aspect="auto")
 
 
-def place_text(
-    axes: Axes, text: str, x: float, y: float, *, width: float, size: float = 7.5, **options: Any
-) -> None:
+def place_text(axes: Axes, text: str, x: float, y: float, *, width: float, size: float = 7.5, **options: Any) -> None:
     """Writes one line at a point, shortened to the width it has (inches); `options` go to `Axes.text`."""
     write_plainly(axes.text(x, y, shortened(text, width, size), fontsize=size, **options))
 
@@ -170,8 +166,6 @@ def save_figure(figure: Figure, path: Path, dpi: float = 192.0) -> None:
     """
     kind = path.suffix.lower().removeprefix(".")
     if kind not in _METADATA:
-        raise ConfigError(
-            f"cannot write a picture to {readable(path)}; choose a name that ends in .png, .svg or .pdf"
-        )
+        raise ConfigError(f"cannot write a picture to {readable(path)}; choose a name that ends in .png, .svg or .pdf")
     with whole_file(path) as temporary:
         figure.savefig(temporary, format=kind, dpi=dpi, metadata=_METADATA[kind])

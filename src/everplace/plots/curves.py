@@ -132,9 +132,7 @@ def draw_precision_recall_panels(
     looks = line_looks(label for curves in panels.values() for label in curves)
     width = float(figure.get_figwidth())
     # A panel is about as high as wide; the legend takes a line for every few names.
-    figure.set_size_inches(
-        width, rows * (width / max(columns, 2)) * 0.9 + 0.22 * math.ceil(len(looks) / 4) + 0.15
-    )
+    figure.set_size_inches(width, rows * (width / max(columns, 2)) * 0.9 + 0.22 * math.ceil(len(looks) / 4) + 0.15)
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     every: list[Axes] = list(grid.flat)
     for axes in every[len(panels) :]:

@@ -49,9 +49,7 @@ class Match:
 
 
 @styled()
-def draw_matches(
-    figure: Figure, matches: Sequence[Match], *, columns: int | None = None, title: str = ""
-) -> Axes:
+def draw_matches(figure: Figure, matches: Sequence[Match], *, columns: int | None = None, title: str = "") -> Axes:
     """Draws query | proposed | true for every match, with its score and whether it is right.
 
     Right and wrong differ by colour, by the word and its sign, and by the line around the proposal (solid or
@@ -129,9 +127,7 @@ def _draw_match(axes: Axes, match: Match, first: Cell) -> None:
         if part == 1:
             x0, x1, y1, y0 = drawn.get_extent()
             axes.add_patch(
-                Rectangle(
-                    (x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor=colour, linestyle=line, linewidth=2.2
-                )
+                Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor=colour, linestyle=line, linewidth=2.2)
             )
             verdict = f"{word}  {match.score:.3f}"
             place_text(

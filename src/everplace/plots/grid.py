@@ -156,9 +156,7 @@ def draw_constant_grid(
     """
     N = len(originals)
     if N == 0 or len(invariant) != N or (labels and len(labels) != N):
-        raise ImageError(
-            "cannot draw the constant grid; give frames, and one image (and one label, if any) for each"
-        )
+        raise ImageError("cannot draw the constant grid; give frames, and one image (and one label, if any) for each")
     columns = max(1, min(columns, N))
     width = float(figure.get_figwidth())
     left = _EDGE + _label_width(_PAIR, width)
@@ -202,9 +200,7 @@ def _first_image(
         raise ImageError("cannot draw a grid of images; give at least one image, and rows of equal length")
     for labels, wanted in ((row_labels, len(images)), (column_labels, columns)):
         if labels and len(labels) != wanted:
-            raise ImageError(
-                f"cannot label {wanted} rows or columns with {len(labels)} texts; give one text each"
-            )
+            raise ImageError(f"cannot label {wanted} rows or columns with {len(labels)} texts; give one text each")
     return first
 
 

@@ -162,8 +162,6 @@ def _draw_best(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_] | None
                 "markerfacecolor": fill,
                 "linestyle": "none",
             }
-            axes.plot(
-                proposed[here], queries[here], markersize=size, markeredgewidth=edge, label=name, **look
-            )
+            axes.plot(proposed[here], queries[here], markersize=size, markeredgewidth=edge, label=name, **look)
             marks[name] = Line2D([], [], markersize=6.0, markeredgewidth=1.2, **look)
     return marks

@@ -149,9 +149,7 @@ def polish(axes: Axes) -> None:
     axes.tick_params(labelsize=8.0, color=MUTED, labelcolor=MUTED)
 
 
-def set_legend(
-    owner: Axes | Figure, handles: Sequence[Artist], labels: Sequence[str], **options: Any
-) -> Legend:
+def set_legend(owner: Axes | Figure, handles: Sequence[Artist], labels: Sequence[str], **options: Any) -> Legend:
     """Adds a legend whose labels may be any text.
 
     matplotlib leaves out labels that start with an underscore and reads `$` as a formula; a run directory

@@ -39,9 +39,7 @@ def training_panels(names: Iterable[str]) -> dict[str, list[str]]:
         if name in _NOT_DRAWN:
             continue
         quantity = _quantity(name)
-        title = next(
-            (title for start, title in _SHARED.items() if quantity.lower().startswith(start)), quantity
-        )
+        title = next((title for start, title in _SHARED.items() if quantity.lower().startswith(start)), quantity)
         panels.setdefault(title.replace("_", " "), []).append(name)
     return panels
 
@@ -72,9 +70,7 @@ def draw_training(
         One axes a panel, in order.
     """
     if panels is None:
-        filled = [
-            name for name, values in metrics.items() if np.isfinite(np.asarray(values, dtype=float)).any()
-        ]
+        filled = [name for name, values in metrics.items() if np.isfinite(np.asarray(values, dtype=float)).any()]
         panels = training_panels(filled)
     columns = max(1, min(columns, len(panels)))
     rows = max(1, math.ceil(len(panels) / columns))

@@ -93,8 +93,7 @@ def table_block(
         for name, column in zip(header, columns, strict=True)
     ]
     heads = "".join(
-        f'<th scope="col"{_class(look)}>{escaped(name)}</th>'
-        for name, look in zip(header, looks, strict=True)
+        f'<th scope="col"{_class(look)}>{escaped(name)}</th>' for name, look in zip(header, looks, strict=True)
     )
     lines = []
     for row in rows:
@@ -104,9 +103,7 @@ def table_block(
             won = _is_number(value) and text in winning
             shown = f"<strong>{escaped(text)}</strong>" if won else escaped(text)
             attributes = _class(f"{look} best".strip() if won else look)
-            cells.append(
-                f'<th scope="row"{attributes}>{shown}</th>' if place == 0 else f"<td{attributes}>{shown}</td>"
-            )
+            cells.append(f'<th scope="row"{attributes}>{shown}</th>' if place == 0 else f"<td{attributes}>{shown}</td>")
         lines.append(f"<tr>{''.join(cells)}</tr>")
     title = f"<caption>{escaped(caption)}</caption>" if caption else ""
     # A region that scrolls must be reachable with the keyboard, and then it needs a name.
@@ -154,9 +151,7 @@ def _class(names: str) -> str:
 
 def _is_number(value: Value) -> TypeGuard[Number]:
     """Whether a value can be compared: numpy's numbers can, truth values and NaN cannot."""
-    return (
-        isinstance(value, int | float | np.number) and not isinstance(value, bool) and not math.isnan(value)
-    )
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and not math.isnan(value)
 
 
 def _look(column: Sequence[Value]) -> str:

@@ -167,9 +167,7 @@ class Report:
 
     def _header(self) -> str:
         subtitle = f'<p class="subtitle">{escaped(self.subtitle)}</p>' if self.subtitle else ""
-        items = "".join(
-            f"<dt>{escaped(name)}</dt><dd>{escaped(text)}</dd>" for name, text in self.details.items()
-        )
+        items = "".join(f"<dt>{escaped(name)}</dt><dd>{escaped(text)}</dd>" for name, text in self.details.items())
         details = f'<dl class="details">{items}</dl>' if items else ""
         return f"<header>\n<h1>{escaped(self.title)}</h1>\n{subtitle}\n{details}\n</header>"
 

@@ -26,9 +26,7 @@ def poses(world: World, config: RenderConfig) -> list[Pose]:
 
 
 @pytest.mark.parametrize("size", [(16, 16), (64, 128), (120, 90), (480, 640)])
-def test_a_frame_has_the_size_asked_for(
-    drives: dict[str, Drive], poses: list[Pose], size: tuple[int, int]
-) -> None:
+def test_a_frame_has_the_size_asked_for(drives: dict[str, Drive], poses: list[Pose], size: tuple[int, int]) -> None:
     frame = drives["rain"].frame(poses[3], size)
     assert frame.shape == (*size, 3)
     assert frame.dtype == np.uint8
@@ -66,9 +64,7 @@ def test_conditions_look_different(drives: dict[str, Drive], poses: list[Pose]) 
     assert red > green > blue
 
 
-def test_a_frame_is_a_function_of_its_arguments(
-    world: World, drives: dict[str, Drive], poses: list[Pose]
-) -> None:
+def test_a_frame_is_a_function_of_its_arguments(world: World, drives: dict[str, Drive], poses: list[Pose]) -> None:
     first = drives["night"].frame(poses[7], (48, 64))
     drives["night"].frame(poses[8], (48, 64))
     np.testing.assert_array_equal(drives["night"].frame(poses[7], (48, 64)), first)
@@ -83,9 +79,7 @@ def test_moving_the_camera_moves_the_picture(drives: dict[str, Drive], poses: li
     )
     # Turning 0.1 rad to the left moves the far scene right by focal * tan(0.1) = 12.7 pixels.
     far = slice(0, 44)
-    shifts = [
-        np.abs(here.light[far, 40:120] - turned.light[far, 40 + s : 120 + s]).mean() for s in range(-20, 21)
-    ]
+    shifts = [np.abs(here.light[far, 40:120] - turned.light[far, 40 + s : 120 + s]).mean() for s in range(-20, 21)]
     assert int(np.argmin(shifts)) - 20 in range(11, 15)
 
 

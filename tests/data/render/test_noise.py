@@ -28,9 +28,7 @@ def test_sample_agrees_with_bilinear_interpolation_by_hand() -> None:
 def test_sample_repeats_after_a_tile() -> None:
     texture = tile(np.random.default_rng(2), 8, 2)
     x = np.linspace(0, 100, 7, dtype=np.float32)[None]
-    np.testing.assert_allclose(
-        sample(texture, x, x, 0.5), sample(texture, x + TILE * 0.5, x - TILE, 0.5), atol=2e-3
-    )
+    np.testing.assert_allclose(sample(texture, x, x, 0.5), sample(texture, x + TILE * 0.5, x - TILE, 0.5), atol=2e-3)
 
 
 def test_profile_is_smooth_with_unit_spread() -> None:

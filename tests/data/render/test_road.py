@@ -34,6 +34,4 @@ def test_stretches_follow_one_another_and_vary() -> None:
         assert before.end == after.start
         assert (before.left, before.right) != (after.left, after.right)
     assert Biome.VILLAGE in {segment.left for segment in ROAD.segments}
-    assert (
-        len({segment.left for segment in ROAD.segments} | {segment.right for segment in ROAD.segments}) >= 6
-    )
+    assert len({segment.left for segment in ROAD.segments} | {segment.right for segment in ROAD.segments}) >= 6

@@ -21,9 +21,7 @@ SMALL = RenderConfig(places=4, size=(24, 40), conditions=("winter", "rain"), see
 
 
 def _files(root: Path) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(root)): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()
-    }
+    return {str(path.relative_to(root)): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()}
 
 
 def test_the_same_configuration_gives_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -33,9 +31,7 @@ def test_the_same_configuration_gives_the_same_bytes(tmp_path: Path, monkeypatch
     files = _files(tmp_path / "a")
     assert files == _files(tmp_path / "b")
     names = [f"{stem:05d}.png" for stem in range(4)] + ["poses.csv"]
-    assert sorted(files) == sorted(
-        ["route.toml", *(f"{c}/{name}" for c in ("winter", "rain") for name in names)]
-    )
+    assert sorted(files) == sorted(["route.toml", *(f"{c}/{name}" for c in ("winter", "rain") for name in names)])
 
 
 def test_seed_and_condition_change_the_frames_but_other_conditions_do_not(tmp_path: Path) -> None:

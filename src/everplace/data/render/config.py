@@ -73,6 +73,4 @@ def render_config(values: Mapping[str, Any]) -> RenderConfig:
             known = ", ".join(RenderConfig.model_fields)
             raise ConfigError(f"render has no option {field!r}; choose from {known}") from error
         reason = first["msg"].removeprefix("Value error, ")
-        raise ConfigError(
-            f"render option {field!r} is {values.get(field)!r}: {reason}; correct it"
-        ) from error
+        raise ConfigError(f"render option {field!r} is {values.get(field)!r}: {reason}; correct it") from error

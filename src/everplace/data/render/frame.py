@@ -96,9 +96,7 @@ class Drive:
         mirror = np.zeros_like(depth)
         mirror[land.top :] = np.where(land.seen, ground.mirror, 0)
 
-        canvas = Canvas(
-            np.asarray(cv2.cvtColor(cv2.convertScaleAbs(image), cv2.COLOR_RGB2RGBA), np.uint8), depth
-        )
+        canvas = Canvas(np.asarray(cv2.cvtColor(cv2.convertScaleAbs(image), cv2.COLOR_RGB2RGBA), np.uint8), depth)
         land_depth = depth.copy()
         mesh = world.scenery.mesh
         plants, faces = visible_plants(world.scenery.plants, camera), visible_faces(mesh, camera)

@@ -70,9 +70,7 @@ def paint_ground(world: World, land: Land, look: Look, shadow: Image, focal: flo
         fine = sample(world.terrain.detail, land.y[close:], land.x[close:], 0.008)
         speckle[close:] += fine * np.minimum(1, 0.012 / footprint[close:])
     if near.any():
-        road_part = _Strip(
-            *(values[near] for values in (land.lateral, arc, footprint, patches, speckle, village))
-        )
+        road_part = _Strip(*(values[near] for values in (land.lateral, arc, footprint, patches, speckle, village)))
         colour[near], mirror[near] = _road(road_part, look, colour[near])
     colour *= _light(world, land, look, shadow)
     return Ground(colour, mirror.astype(np.float32))
@@ -153,9 +151,7 @@ class _Strip(NamedTuple):
 
 def _band(value: Real, half: float, footprint: Image) -> Image:
     """Share of a pixel that a strip of ±`half` metres around value 0 covers."""
-    return np.asarray(
-        np.clip((half - np.abs(value)) / footprint + 0.5, 0, 1) * np.minimum(1, 2 * half / footprint)
-    )
+    return np.asarray(np.clip((half - np.abs(value)) / footprint + 0.5, 0, 1) * np.minimum(1, 2 * half / footprint))
 
 
 def _road(strip: _Strip, look: Look, colour: Image) -> tuple[Image, Image]:
@@ -169,9 +165,7 @@ def _road(strip: _Strip, look: Look, colour: Image) -> tuple[Image, Image]:
     slabs = 1 - 0.18 * _band(np.mod(strip.arc, 1.2) - 0.6, 0.05, strip.footprint)
     _mix(colour, _snowed((168, 164, 158), look, 0.7), pavement)
     colour *= (1 - pavement * (1 - slabs))[:, None]
-    _mix(
-        colour, _snowed((196, 194, 190), look, 0.4), _band(away - 3.6, 0.12, strip.footprint) * strip.village
-    )
+    _mix(colour, _snowed((196, 194, 190), look, 0.4), _band(away - 3.6, 0.12, strip.footprint) * strip.village)
 
     asphalt = _band(away, _HALF_ROAD, strip.footprint)
     worn = 1 + 0.05 * strip.patches + 0.14 * strip.speckle + 0.04 * np.cos((away - 1.75) * 3.6)
@@ -214,9 +208,6 @@ def _light(world: World, land: Land, look: Look, shadow: Image) -> Image:
     clouds = sample(world.grain, land.x + np.float32(drift), land.y, 2.6)
     open_sky = ramp(clouds, look.clouds - 0.62, look.clouds - 0.42) if look.clouds < 0.75 else np.float32(1)
     direct = (
-        look.sun
-        * np.clip(facing, 0, 1.3)
-        * (1 - shadow)
-        * (0.35 + 0.65 * (1 - (1 - open_sky) * (land.depth > 60)))
+        look.sun * np.clip(facing, 0, 1.3) * (1 - shadow) * (0.35 + 0.65 * (1 - (1 - open_sky) * (land.depth > 60)))
     )
     return np.asarray(shade + (sun - shade) * direct[..., None], np.float32)

@@ -159,9 +159,7 @@ def _pool(lamps: Image, depth: Image, camera: Camera, local: NDArray[np.float64]
     lamps[y0:y1, x0:x1] += strength[..., None] * np.array((1.0, 0.78, 0.46), np.float32)
 
 
-def _shine(
-    glow: Image, depth: Image, camera: Camera, local: NDArray[np.float64], lamp: bool, chance: float
-) -> None:
+def _shine(glow: Image, depth: Image, camera: Camera, local: NDArray[np.float64], lamp: bool, chance: float) -> None:
     """Draws a lit window or lamp where nothing nearer hides it."""
     corners = camera.project(local)
     size = max(1.5, 0.16 * camera.focal / float(local[:, 2].mean()))
@@ -174,9 +172,7 @@ def _shine(
     mask = np.zeros((y1 - y0, x1 - x0), np.uint8)
     points = np.round((corners - (x0, y0)) * 16).astype(np.int32)
     if lamp:
-        cv2.circle(
-            mask, points[:2].mean(axis=0).astype(int).tolist(), int(size * 16), 255, -1, cv2.LINE_AA, 4
-        )
+        cv2.circle(mask, points[:2].mean(axis=0).astype(int).tolist(), int(size * 16), 255, -1, cv2.LINE_AA, 4)
     else:
         cv2.fillConvexPoly(mask, points, 255, cv2.LINE_AA, 4)
     mask[depth[y0:y1, x0:x1] < local[:, 2].min() - 1.0] = 0

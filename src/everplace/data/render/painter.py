@@ -104,9 +104,7 @@ def visible_plants(plants: Plants, camera: Camera) -> Standing:
     foot = camera.project(local)
     scale = camera.focal / depth
     half, tall = size[:, 1] * scale / 2, size[:, 0] * scale
-    boxes = np.column_stack(
-        [foot[:, 0] - half, foot[:, 1] - tall, foot[:, 0] + half, foot[:, 1] + 0.01 * tall]
-    )
+    boxes = np.column_stack([foot[:, 0] - half, foot[:, 1] - tall, foot[:, 0] + half, foot[:, 1] + 0.01 * tall])
     return Standing(plants.kinds[part][keep], plants.variants[part][keep], boxes, depth)
 
 

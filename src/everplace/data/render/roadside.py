@@ -19,9 +19,7 @@ class _Survey(Protocol):
     def __call__(self, x: float, lateral: float, turn: float = 0.0) -> Site: ...
 
 
-def furnish(
-    rng: np.random.Generator, mesh: MeshBuilder, survey: _Survey, road: Road, start: float, end: float
-) -> None:
+def furnish(rng: np.random.Generator, mesh: MeshBuilder, survey: _Survey, road: Road, start: float, end: float) -> None:
     """Adds the road's furniture.
 
     Args:
@@ -75,25 +73,19 @@ def _marker_posts(mesh: MeshBuilder, survey: _Survey, segment: Segment) -> None:
     for x in np.arange(segment.start, segment.end, 25.0):
         for side in (-1, 1):
             site = survey(float(x), side * 4.9)
-            mesh.stroke(
-                site.point(0, 0, 0), site.point(0, 0, 1.0), 0.13, Material.WHITE, site.anchor, reach=110
-            )
+            mesh.stroke(site.point(0, 0, 0), site.point(0, 0, 1.0), 0.13, Material.WHITE, site.anchor, reach=110)
             low, high = site.point(0, 0, 0.68), site.point(0, 0, 0.85)
             mesh.stroke(low, high, 0.14, Material.RED, site.anchor, rank=1, reach=70)
 
 
-def _fence(
-    rng: np.random.Generator, mesh: MeshBuilder, survey: _Survey, segment: Segment, lateral: float
-) -> None:
+def _fence(rng: np.random.Generator, mesh: MeshBuilder, survey: _Survey, segment: Segment, lateral: float) -> None:
     planks = rng.random() < 0.4
     material = Material.WHITE if planks and rng.random() < 0.5 else Material.WOOD
     rails, thickness = ((0.5, 0.85, 1.2), 0.12) if planks else ((0.55, 1.05), 0.05)
     before: Site | None = None
     for x in np.arange(segment.start, segment.end, 4.0):
         site = survey(float(x), lateral)
-        mesh.stroke(
-            site.point(0, 0, -0.3), site.point(0, 0, 1.3), 0.14, material, site.anchor, rank=1, reach=110
-        )
+        mesh.stroke(site.point(0, 0, -0.3), site.point(0, 0, 1.3), 0.14, material, site.anchor, rank=1, reach=110)
         if before is not None:
             for level in rails:
                 start, stop = before.point(0, 0, level), site.point(0, 0, level)
@@ -105,9 +97,7 @@ def _guard_rail(mesh: MeshBuilder, survey: _Survey, segment: Segment, lateral: f
     before: Site | None = None
     for x in np.arange(segment.start, segment.end, 4.0):
         site = survey(float(x), lateral)
-        mesh.stroke(
-            site.point(0, 0, -0.3), site.point(0, 0, 0.7), 0.12, Material.METAL, site.anchor, reach=90
-        )
+        mesh.stroke(site.point(0, 0, -0.3), site.point(0, 0, 0.7), 0.12, Material.METAL, site.anchor, reach=90)
         if before is not None:
             rail = (
                 before.point(0, 0, 0.45),
@@ -144,9 +134,7 @@ def _poles(rng: np.random.Generator, mesh: MeshBuilder, survey: _Survey, start: 
         before: Site | None = None
         while x < min(stop, end):
             site = survey(x, lateral)
-            mesh.stroke(
-                site.point(0, 0, -1), site.point(0, 0, 8.2), 0.26, Material.WOOD, site.anchor, reach=320
-            )
+            mesh.stroke(site.point(0, 0, -1), site.point(0, 0, 8.2), 0.26, Material.WOOD, site.anchor, reach=320)
             arm = (site.point(0, -0.9, 7.6), site.point(0, 0.9, 7.6))
             mesh.stroke(*arm, 0.14, Material.WOOD, site.anchor, rank=1, reach=160)
             if before is not None:
@@ -157,9 +145,7 @@ def _poles(rng: np.random.Generator, mesh: MeshBuilder, survey: _Survey, start: 
         x += float(rng.uniform(60, 300))
 
 
-def _wire(
-    mesh: MeshBuilder, start: Point, end: Point, sag: float, pieces: int = 8, reach: float = 130.0
-) -> None:
+def _wire(mesh: MeshBuilder, start: Point, end: Point, sag: float, pieces: int = 8, reach: float = 130.0) -> None:
     a, b = np.array(start), np.array(end)
     points = []
     for t in np.linspace(0, 1, pieces + 1):

@@ -84,9 +84,7 @@ def render_route(out: Path, config: RenderConfig, *, progress: Progress = quiet,
         for condition in config.conditions:
             drive = open_drive(world, condition)
             poses = drive_poses(world, config, condition)
-            frames = _frames(
-                drive, [(float(x), float(y), float(turn)) for x, y, turn in poses], config.size, pool
-            )
+            frames = _frames(drive, [(float(x), float(y), float(turn)) for x, y, turn in poses], config.size, pool)
             shown = progress(frames, f"rendering {condition}", config.places)
             _write_traverse(directory / condition, config, poses, shown)
         table = {"tolerance": 1, "traverses": {name: {"condition": name} for name in config.conditions}}
@@ -99,9 +97,7 @@ def _refuse_occupied(out: Path) -> None:
     try:
         free = not out.exists() or (out.is_dir() and not any(out.iterdir()))
     except OSError as error:
-        raise StorageError(
-            f"cannot look into {readable(out)}: {error.strerror}; choose another place"
-        ) from error
+        raise StorageError(f"cannot look into {readable(out)}: {error.strerror}; choose another place") from error
     if not free:
         raise ConfigError(f"{readable(out)} already exists and is not empty: choose another place")
 
@@ -119,9 +115,7 @@ def _write_traverse(
         if not done:
             raise StorageError(f"cannot encode {readable(path)}: choose the other format")
         path.write_bytes(data.tobytes())
-    lines = [
-        f"{stem},{x:.4f},{y:.4f},{heading:.6f}" for stem, (x, y, heading) in zip(stems, poses, strict=True)
-    ]
+    lines = [f"{stem},{x:.4f},{y:.4f},{heading:.6f}" for stem, (x, y, heading) in zip(stems, poses, strict=True)]
     (directory / "poses.csv").write_text("\n".join(["stem,x,y,heading", *lines, ""]), encoding="utf-8")
 
 
@@ -137,9 +131,7 @@ def _pool(workers: int) -> Iterator[Executor | None]:
     try:
         yield pool
     except BrokenProcessPool as error:
-        raise MachineError(
-            "a process that renders was killed; free memory or render with one worker"
-        ) from error
+        raise MachineError("a process that renders was killed; free memory or render with one worker") from error
     finally:
         pool.shutdown(cancel_futures=True)
 

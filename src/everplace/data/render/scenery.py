@@ -75,9 +75,7 @@ class _Planner:
     def spot(self, x: float, lateral: float) -> tuple[float, float]:
         """World position beside the road at x, `lateral` metres to the left."""
         heading = self.road.heading(x)
-        return x - lateral * float(np.sin(heading)), self.road.at(x, Column.CENTRE) + lateral * float(
-            np.cos(heading)
-        )
+        return x - lateral * float(np.sin(heading)), self.road.at(x, Column.CENTRE) + lateral * float(np.cos(heading))
 
     def site(self, x: float, lateral: float, turn: float = 0.0) -> Site:
         """A building site, its axis along the road plus a turn."""
@@ -94,9 +92,7 @@ class _Planner:
         variant = int(self.rng.integers(VARIANTS))
         self.rows.append((px, py, float(kind), variant, height, width, float(self.rng.uniform())))
 
-    def scatter(
-        self, segment: Segment, per_metre: float, low: float, high: float
-    ) -> Iterator[tuple[float, float]]:
+    def scatter(self, segment: Segment, per_metre: float, low: float, high: float) -> Iterator[tuple[float, float]]:
         """Random positions (x, distance from the road) in a band beside a stretch."""
         for _ in range(int(self.rng.poisson(per_metre * (segment.end - segment.start)))):
             yield float(self.rng.uniform(segment.start, segment.end)), float(self.rng.uniform(low, high))
@@ -110,9 +106,7 @@ class _Planner:
         z = (surface.height - surface.canopy)[:, 0].astype(np.float64)
         places = np.column_stack([rows[:, :2], z])[dry]
         rows = rows[dry]
-        return Plants(
-            rows[:, 2].astype(np.uint8), rows[:, 3].astype(np.uint8), places, rows[:, 4:6], rows[:, 6]
-        )
+        return Plants(rows[:, 2].astype(np.uint8), rows[:, 3].astype(np.uint8), places, rows[:, 4:6], rows[:, 6])
 
 
 def plan_scenery(rng: np.random.Generator, road: Road, terrain: Terrain) -> Scenery:
@@ -190,9 +184,7 @@ def _village(planner: _Planner, segment: Segment, side: int) -> None:
 def _farm(planner: _Planner, segment: Segment, side: int) -> None:
     rng = planner.rng
     x = float(rng.uniform(segment.start + 20, segment.end - 20))
-    buildings.barn(
-        planner.mesh, planner.site(x, side * float(rng.uniform(24, 34)), float(rng.uniform(-0.6, 0.6))), rng
-    )
+    buildings.barn(planner.mesh, planner.site(x, side * float(rng.uniform(24, 34)), float(rng.uniform(-0.6, 0.6))), rng)
     buildings.house(planner.mesh, planner.site(x + 26, side * 22.0, float(rng.uniform(-0.2, 0.2))), rng)
     for step in range(int(rng.integers(0, 3))):
         buildings.silo(planner.mesh, planner.site(x - 18 - 6 * step, side * 30.0), rng)

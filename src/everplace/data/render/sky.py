@@ -13,9 +13,7 @@ from everplace.data.render.noise import TILE, ramp, sample
 __all__ = ["paint_sky"]
 
 
-def paint_sky(
-    camera: Camera, look: Look, grain: NDArray[np.float32], rows: int, drift: float
-) -> NDArray[np.float32]:
+def paint_sky(camera: Camera, look: Look, grain: NDArray[np.float32], rows: int, drift: float) -> NDArray[np.float32]:
     """Paints the sky of the upper image rows.
 
     Args:
@@ -38,9 +36,7 @@ def paint_sky(
     sky = horizon + (zenith - horizon) * np.sqrt(height)
 
     dx, dy = (fx + u * rx)[None, :], (fy + u * ry)[None, :]
-    sun = np.array(
-        [np.cos(look.sun_azimuth), np.sin(look.sun_azimuth), np.tan(look.sun_elevation)], np.float32
-    )
+    sun = np.array([np.cos(look.sun_azimuth), np.sin(look.sun_azimuth), np.tan(look.sun_elevation)], np.float32)
     sun /= np.linalg.norm(sun)
     cosine = np.clip((dx * sun[0] + dy * sun[1] + v[:, None] * sun[2]) / norm, 0, 1)
     if look.sun:

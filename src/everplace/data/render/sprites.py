@@ -165,14 +165,10 @@ def _conifer(
             snowy = float(rng.uniform())
             if snowy < 0.5 * look.snow:
                 top = (root[0] * 0.4 + tip[0] * 0.6, root[1] * 0.4 + tip[1] * 0.6 - 2)
-                _stroke(
-                    rgb, None, top, (tip[0], tip[1] - 2), 4, _lit((236, 240, 247), 0.4 + 0.6 * light, look)
-                )
+                _stroke(rgb, None, top, (tip[0], tip[1] - 2), 4, _lit((236, 240, 247), 0.4 + 0.6 * light, look))
 
 
-def _branches(
-    plant: Plant, rng: np.random.Generator
-) -> list[tuple[tuple[float, float], tuple[float, float], float]]:
+def _branches(plant: Plant, rng: np.random.Generator) -> list[tuple[tuple[float, float], tuple[float, float], float]]:
     """Grows the skeleton: strokes from the trunk outwards, as (start, end, thickness) in pixels."""
     centre, half_height, half_width, _ = _CROWNS[plant]
     strokes: list[tuple[tuple[float, float], tuple[float, float], float]] = []

@@ -15,17 +15,13 @@ def lamp(mesh: MeshBuilder, site: Site) -> None:
     top = site.point(0, 0, 6.2)
     mesh.stroke(site.point(0, 0, -0.5), top, 0.14, Material.METAL, site.anchor, reach=160)
     mesh.stroke(top, site.point(1.6, 0, 6.5), 0.12, Material.METAL, site.anchor, reach=120)
-    mesh.stroke(
-        site.point(1.2, 0, 6.4), site.point(2.0, 0, 6.45), 0.22, Material.LAMP, site.anchor, rank=1, reach=320
-    )
+    mesh.stroke(site.point(1.2, 0, 6.4), site.point(2.0, 0, 6.45), 0.22, Material.LAMP, site.anchor, rank=1, reach=320)
 
 
 def sign(mesh: MeshBuilder, site: Site, board: Material, shape: str) -> None:
     """A road sign whose board stands across the site's axis; shape is `triangle`, `square` or `board`."""
     mesh.stroke(site.point(0, 0, -0.5), site.point(0, 0, 2.6), 0.1, Material.METAL, site.anchor, reach=140)
-    half, low, high = {"triangle": (0.6, 1.7, 2.8), "square": (0.5, 1.7, 2.7), "board": (1.6, 1.5, 3.1)}[
-        shape
-    ]
+    half, low, high = {"triangle": (0.6, 1.7, 2.8), "square": (0.5, 1.7, 2.7), "board": (1.6, 1.5, 3.1)}[shape]
     if shape == "triangle":
         corners: tuple[Point, ...] = (
             site.point(0, -half, low),

@@ -165,9 +165,7 @@ def view_terrain(terrain: Terrain, camera: Camera) -> Land:
     columns = np.arange(width)
     keys = (np.clip(horizon, -40, 40).astype(np.float64) + 100.0 * columns).T.ravel()
     wanted = np.clip(slopes, -40, 40).astype(np.float64)[:, None] + 100.0 * columns
-    index = (np.searchsorted(keys, wanted.T.ravel()).reshape(width, -1).T - columns * _SAMPLES).astype(
-        np.int32
-    )
+    index = (np.searchsorted(keys, wanted.T.ravel()).reshape(width, -1).T - columns * _SAMPLES).astype(np.int32)
     seen = index < _SAMPLES
     after = np.clip(index, 1, _SAMPLES - 1)
 
@@ -190,9 +188,7 @@ def view_terrain(terrain: Terrain, camera: Camera) -> Land:
     across = np.tile(((columns + 0.5) * coarse / width - 0.5).astype(np.float32), (len(slopes), 1))
     along = (after - 1 + share).astype(np.float32)
     slope_x, slope_y = (
-        np.asarray(
-            cv2.remap(values, across, along, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32
-        )
+        np.asarray(cv2.remap(values, across, along, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
         for values in (slope_x, slope_y)
     )
     x, y = camera.ground_points(depth, sideways[None, :])
