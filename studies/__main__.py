@@ -1,0 +1,157 @@
+"""Trains every model of a study with several seeds, evaluates it, and writes a table with means and spreads."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import sys
+from pathlib import Path
+from typing import Any
+
+from everplace.data.route import Route, open_route
+from everplace.data.selection import Selection, parse_frames
+from everplace.experiments.evaluation import evaluate_method
+from everplace.experiments.retrieval import Matching, Truth
+from everplace.files import write_text
+from everplace.training.config import TrainConfig
+from everplace.training.fit import train
+from studies.protocols import BASELINES, PROTOCOLS, VARIANTS, Protocol
+
+LEDGER = "ledger.json"
+SCORES = ("recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m studies", description=__doc__)
+    parser.add_argument("study", choices=list(PROTOCOLS))
+    parser.add_argument("--data", type=Path, required=True, help="directory that holds the study's route")
+    parser.add_argument("--out", type=Path, required=True, help="directory for runs, ledger.json and table.md")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
+    given = parser.parse_args()
+    protocol = PROTOCOLS[given.study]
+    route = open_route(given.data / protocol.route)
+    ledger_file = given.out / LEDGER
+    ledger: dict[str, Any] = json.loads(ledger_file.read_text("utf-8")) if ledger_file.is_file() else {}
+    for key, make in _rows(route, protocol, given.out, given.seeds):
+        if key not in ledger:
+            print(key, file=sys.stderr)
+            ledger[key] = make()
+            write_text(ledger_file, json.dumps(ledger, indent=1) + "\n")
+    table = _table(protocol, ledger, given.seeds)
+    write_text(given.out / "table.md", table)
+    print(table, end="")
+
+
+def _rows(route: Route, protocol: Protocol, out: Path, seeds: list[int]) -> list[tuple[str, Any]]:
+    """The ledger's keys with what computes each, seeds outermost so that a stopped study has whole columns."""
+    rows: list[tuple[str, Any]] = [
+        (name, lambda name=name: {"pairs": _evaluate(route, protocol, name)}) for name in BASELINES
+    ]
+    for seed in seeds:
+        for variant in VARIANTS:
+            key = f"{variant}, seed {seed}"
+            run = out / "runs" / key.replace(", ", "-").replace(" ", "-")
+            rows.append((key, lambda v=variant, s=seed, r=run: _fit_and_evaluate(route, protocol, v, s, r)))
+    return rows
+
+
+def _fit_and_evaluate(route: Route, protocol: Protocol, variant: str, seed: int, run: Path) -> dict[str, Any]:
+    config = TrainConfig.build(
+        **{
+            **protocol.settings,
+            **VARIANTS[variant],
+            "conditions": protocol.conditions,
+            "frames": protocol.train_frames,
+            "drop_dark": protocol.filtered,
+            "drop_stationary": protocol.filtered,
+            "seed": seed,
+        }
+    )
+    summary = train(route, config, run, resume=True, show=True)
+    return {
+        "seconds": round(summary.seconds, 1),
+        "epoch": summary.best_epoch,
+        "held_out": summary.best_value,
+        "pairs": _evaluate(route, protocol, str(run)),
+    }
+
+
+def _evaluate(route: Route, protocol: Protocol, method: str) -> list[dict[str, Any]]:
+    measured = []
+    for query, database in protocol.pairs:
+        evaluation = evaluate_method(
+            route,
+            method,
+            query=query,
+            database=database,
+            selection=Selection(parse_frames(protocol.test_frames), protocol.filtered, protocol.filtered),
+            truth=Truth(protocol.tolerance),
+            matching=Matching(),
+        )
+        measured.append(evaluation.metrics())
+    return measured
+
+
+def _table(protocol: Protocol, ledger: dict[str, Any], seeds: list[int]) -> str:
+    lines = []
+    for index, (query, database) in enumerate(protocol.pairs):
+        lines += [f"**{query} against {database}**", ""]
+        lines += ["| method | numbers | " + " | ".join(SCORES) + " | training |", "|---" * (len(SCORES) + 3) + "|"]
+        for name in (*VARIANTS, *BASELINES):
+            keys = [name] if name in BASELINES else [f"{name}, seed {seed}" for seed in seeds]
+            entries = [ledger[key] for key in keys if key in ledger]
+            if entries:
+                lines.append(_line(name, entries, index))
+        lines.append("")
+    lines += _audit_lines(protocol, ledger, seeds)
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _line(name: str, entries: list[dict[str, Any]], pair: int) -> str:
+    measured = [entry["pairs"][pair] for entry in entries]
+    values = [
+        [one["recall_at"]["1"] for one in measured],
+        [one["recall_at"]["5"] for one in measured],
+        [one["recall_at"]["10"] for one in measured],
+        *([one[key] for one in measured] for key in _KEYS),
+    ]
+    seconds = [entry["seconds"] for entry in entries if "seconds" in entry]
+    training = f"{statistics.mean(seconds) / 60:.1f} min" if seconds else "none"
+    cells = [name, str(measured[0]["dimension"]), *map(_spread, values), training]
+    return "| " + " | ".join(cells) + " |"
+
+
+_KEYS = ("auc_pr", "average_precision", "recall_at_100_precision", "extended_precision")
+
+
+def _audit_lines(protocol: Protocol, ledger: dict[str, Any], seeds: list[int]) -> list[str]:
+    lines = [
+        "**Leakage audit** on the tested places",
+        "",
+        "| model | condition from z_p | from z_c | recall@1 by z_p | by z_c | by z | swap error | frame unchanged | "
+        "mean image | active z_p / z_c |",
+        "|---" * 10 + "|",
+    ]
+    for name in VARIANTS:
+        audits = [ledger[f"{name}, seed {s}"]["pairs"][0]["audit"] for s in seeds if f"{name}, seed {s}" in ledger]
+        if not audits:
+            continue
+        cells = [
+            _spread([max(a["condition_from_z_p"]["linear"], a["condition_from_z_p"]["mlp"]) for a in audits]),
+            _spread([max(a["condition_from_z_c"]["linear"], a["condition_from_z_c"]["mlp"]) for a in audits]),
+            *(_spread([a["recall_at_1"][block] for a in audits]) for block in ("z_p", "z_c", "z")),
+            *(_spread([a["swap"][k] for a in audits], 4) for k in ("mean_z_c", "unchanged", "mean_image")),
+            " / ".join(f"{statistics.mean(a['active_dimensions'][b] for a in audits):.0f}" for b in ("z_p", "z_c")),
+        ]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def _spread(values: list[float], digits: int = 3) -> str:
+    mean = f"{statistics.mean(values):.{digits}f}"
+    return f"{mean} ± {statistics.stdev(values):.{digits}f}" if len(values) > 1 else mean
+
+
+if __name__ == "__main__":
+    main()
