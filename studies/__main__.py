@@ -1,4 +1,7 @@
-"""Trains every model of a study with several seeds, evaluates it, and writes a table with means and spreads."""
+"""Trains every model of a study with several seeds, evaluates it, and writes a table with means and spreads.
+
+Every row is a file of its own, so a stopped study goes on, and several processes may share the work.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,6 @@ from everplace.training.config import TrainConfig
 from everplace.training.fit import train
 from studies.protocols import BASELINES, PROTOCOLS, VARIANTS, Protocol
 
-LEDGER = "ledger.json"
 SCORES = ("recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP")
 
 
@@ -26,32 +28,33 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m studies", description=__doc__)
     parser.add_argument("study", choices=list(PROTOCOLS))
     parser.add_argument("--data", type=Path, required=True, help="directory that holds the study's route")
-    parser.add_argument("--out", type=Path, required=True, help="directory for runs, ledger.json and table.md")
+    parser.add_argument("--out", type=Path, required=True, help="directory for runs, ledger and table.md")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
+    parser.add_argument("--variants", nargs="+", choices=list(VARIANTS), default=list(VARIANTS))
     given = parser.parse_args()
     protocol = PROTOCOLS[given.study]
     route = open_route(given.data / protocol.route)
-    ledger_file = given.out / LEDGER
-    ledger: dict[str, Any] = json.loads(ledger_file.read_text("utf-8")) if ledger_file.is_file() else {}
-    for key, make in _rows(route, protocol, given.out, given.seeds):
-        if key not in ledger:
+    for key, make in _rows(route, protocol, given):
+        entry = given.out / "ledger" / f"{key}.json"
+        if not entry.is_file():
             print(key, file=sys.stderr)
-            ledger[key] = make()
-            write_text(ledger_file, json.dumps(ledger, indent=1) + "\n")
+            write_text(entry, json.dumps(make(), indent=1) + "\n")
+    files = sorted((given.out / "ledger").glob("*.json"))
+    ledger = {file.stem: json.loads(file.read_text("utf-8")) for file in files}
     table = _table(protocol, ledger, given.seeds)
     write_text(given.out / "table.md", table)
     print(table, end="")
 
 
-def _rows(route: Route, protocol: Protocol, out: Path, seeds: list[int]) -> list[tuple[str, Any]]:
+def _rows(route: Route, protocol: Protocol, given: argparse.Namespace) -> list[tuple[str, Any]]:
     """The ledger's keys with what computes each, seeds outermost so that a stopped study has whole columns."""
     rows: list[tuple[str, Any]] = [
         (name, lambda name=name: {"pairs": _evaluate(route, protocol, name)}) for name in BASELINES
     ]
-    for seed in seeds:
-        for variant in VARIANTS:
+    for seed in given.seeds:
+        for variant in given.variants:
             key = f"{variant}, seed {seed}"
-            run = out / "runs" / key.replace(", ", "-").replace(" ", "-")
+            run = given.out / "runs" / key.replace(", ", "-").replace(" ", "-")
             rows.append((key, lambda v=variant, s=seed, r=run: _fit_and_evaluate(route, protocol, v, s, r)))
     return rows
 
@@ -104,7 +107,7 @@ def _table(protocol: Protocol, ledger: dict[str, Any], seeds: list[int]) -> str:
             if entries:
                 lines.append(_line(name, entries, index))
         lines.append("")
-    lines += _audit_lines(protocol, ledger, seeds)
+    lines += _audit_lines(ledger, seeds)
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -125,7 +128,7 @@ def _line(name: str, entries: list[dict[str, Any]], pair: int) -> str:
 _KEYS = ("auc_pr", "average_precision", "recall_at_100_precision", "extended_precision")
 
 
-def _audit_lines(protocol: Protocol, ledger: dict[str, Any], seeds: list[int]) -> list[str]:
+def _audit_lines(ledger: dict[str, Any], seeds: list[int]) -> list[str]:
     lines = [
         "**Leakage audit** on the tested places",
         "",

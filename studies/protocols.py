@@ -31,6 +31,9 @@ class Protocol:
     settings: dict[str, Any] = field(default_factory=dict)
 
 
+VIEWPOINT = {"shift": 0.06, "crop": 0.1}
+"""Augmentation where the camera is carried by hand: set beforehand, not tuned."""
+
 PROTOCOLS = {
     "nordland64": Protocol(
         route="nordland64",
@@ -40,7 +43,7 @@ PROTOCOLS = {
         test_frames="1620:",
         tolerance=1,
         filtered=True,
-        settings={"image_size": (32, 64), "grey": True, "epochs": 26},
+        settings={"image_size": (32, 64), "grey": True, "epochs": 20},
     ),
     "gardens_point": Protocol(
         route="gardens_point",
@@ -50,7 +53,7 @@ PROTOCOLS = {
         test_frames="100:140",
         tolerance=3,
         filtered=False,
-        settings={"image_size": (64, 128), "grey": True, "epochs": 120, "tolerance": 3},
+        settings={"image_size": (64, 128), "grey": True, "epochs": 120, "tolerance": 3, "augmentation": VIEWPOINT},
     ),
 }
 

@@ -91,6 +91,7 @@ def train(
 
     from everplace.data.route import open_route
     from everplace.training.fit import train as run_training
+    from everplace.training.run_directory import leads
 
     summary = run_training(
         open_route(route),
@@ -103,4 +104,5 @@ def train(
         progress=show_progress(),
         show=True,
     )
-    show_result(asdict(summary), as_json)
+    if leads():
+        show_result(asdict(summary), as_json)

@@ -141,7 +141,7 @@ def recipe(model: str, name: str) -> dict[str, Any]:
     defaults: dict[str, Any] = {
         "recipe": name,
         "batch_size": 64,
-        "augmentation": {"shift": 0.08, "crop": 0.12, "brightness": 0.1, "contrast": 0.2},
+        "augmentation": {"shift": 0.02, "crop": 0.03, "brightness": 0.18, "contrast": 0.35},
     }
     if model == "c-vae":
         defaults["weights"] = {"condition": 100.0}

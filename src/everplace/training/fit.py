@@ -105,9 +105,8 @@ def train(
         StorageError: The run directory cannot be written to.
     """
     chosen = select_route(route, config, progress)
-    _model_config(
-        chosen.conditions, min(len(traverse) for traverse in chosen.traverses), config
-    )  # before hours of decoding
+    # Said before the frames are decoded, which may take hours.
+    _model_config(chosen.conditions, min(map(len, chosen.traverses)), config)
     split = split_route(chosen, config, progress)
     model_config = _model_config(split.conditions, split.places, config)
     frames = TrainingFrames(split, config.augmentation, config.seed)
