@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,22 +23,45 @@ from everplace.training.config import TrainConfig
 from everplace.training.fit import train
 from everplace.training.metrics import read_metrics
 
-__all__ = ["run_demo"]
+__all__ = ["DemoSettings", "run_demo"]
 
-PLACES = 640
-TRAINED = "0:500"
-TESTED = "520:"
-EPOCHS = 24
-RENDERED = (64, 128)
-SIZE = (32, 64)
 MODELS: tuple[ModelKind, ...] = ("c-vae", "cp-vae")
 
 
-def run_demo(out: Path, *, details: dict[str, str], progress: Progress = quiet, show: bool = False) -> dict[str, Any]:
+@dataclass(frozen=True)
+class DemoSettings:
+    """How large the demo is; by default about four minutes on two cores.
+
+    Attributes:
+        places: Places of the rendered route.
+        trained: Places to train on.
+        tested: Places to test on.
+        epochs: Epochs of each model.
+        rendered: Height and width of the frames on disk.
+        seen: Height and width of the frames as the models see them.
+    """
+
+    places: int = 640
+    trained: str = "0:500"
+    tested: str = "520:"
+    epochs: int = 20
+    rendered: tuple[int, int] = (64, 128)
+    seen: tuple[int, int] = (32, 64)
+
+
+def run_demo(
+    out: Path,
+    settings: DemoSettings | None = None,
+    *,
+    details: dict[str, str],
+    progress: Progress = quiet,
+    show: bool = False,
+) -> dict[str, Any]:
     """Renders a route in summer and winter, trains C-VAE and CP-VAE, and compares them with SAD and HOG.
 
     Args:
-        out: The directory to fill; what an earlier demo left there is used or replaced.
+        out: The directory to fill; a demo that was stopped goes on where it stood.
+        settings: How large it is.
         details: Command and version, for the head of the report.
         progress: Told of rendering and describing.
         show: Show the training on stderr.
@@ -48,9 +72,12 @@ def run_demo(out: Path, *, details: dict[str, str], progress: Progress = quiet, 
     Raises:
         StorageError: `out` cannot be written to.
     """
+    settings = settings or DemoSettings()
     route_directory = out / "route"
     if not route_directory.exists():
-        world = render_config({"places": PLACES, "size": RENDERED, "conditions": ("summer", "winter")})
+        world = render_config(
+            {"places": settings.places, "size": settings.rendered, "conditions": ("summer", "winter")}
+        )
         render_route(route_directory, world, progress=progress, workers=usable_cores())
     route = open_route(route_directory)
     describers: dict[str, Describer] = {}
@@ -58,13 +85,15 @@ def run_demo(out: Path, *, details: dict[str, str], progress: Progress = quiet, 
     chosen = {}
     for kind in MODELS:
         run = out / "runs" / kind
-        config = TrainConfig.build(model=kind, frames=TRAINED, image_size=SIZE, epochs=EPOCHS)
+        config = TrainConfig.build(
+            model=kind, frames=settings.trained, image_size=settings.seen, epochs=settings.epochs
+        )
         summary = train(route, config, run, resume=True, progress=progress, show=show)
         describers[kind] = open_describer(str(run))
         curves[kind] = read_metrics(run)
         chosen[kind] = summary.best_epoch
     describers |= {name: open_describer(name) for name in ("sad", "hog")}
-    tested = select(route, Selection(parse_frames(TESTED)), progress)
+    tested = select(route, Selection(parse_frames(settings.tested)), progress)
     comparison = compare_methods(tested, describers, truth=Truth(), matching=Matching(), progress=progress)
     report = write_comparison(
         comparison, out, title="everplace demo: a rendered route, summer and winter", details=details

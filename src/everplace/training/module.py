@@ -220,7 +220,7 @@ class BoundModule(lightning.LightningModule):
         row["active_place"] = float((self.model.split.z_p(kl) > ACTIVE_ABOVE).sum())
         row["active_condition"] = float((self.model.split.z_c(kl) > ACTIVE_ABOVE).sum())
         # The sigma that training reached is fixed from here on: a bound is only ever evaluated with it.
-        self.model.log_sigma.copy_(0.5 * torch.log(means["square"]))
+        self.model.log_sigma.copy_(0.5 * torch.log(means["square"] + 1e-12))
         row["sigma"] = float(self.model.log_sigma.exp())
         row["learning_rate"] = float(self.trainer.optimizers[0].param_groups[0]["lr"])
         return row

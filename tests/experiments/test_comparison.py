@@ -1,0 +1,73 @@
+"""Several methods on all ordered pairs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from everplace.data.route import open_route
+from everplace.data.selection import Selection, parse_frames
+from everplace.describe.registry import open_describer
+from everplace.errors import ConfigError, RouteError
+from everplace.experiments.comparison import compare_methods, fit_and_open, write_comparison
+from everplace.experiments.retrieval import Matching, Truth
+
+
+def test_every_ordered_pair_and_method_is_there(tiny_route: Path, tmp_path: Path) -> None:
+    describers = {name: open_describer(name) for name in ("sad", "hog")}
+    comparison = compare_methods(open_route(tiny_route), describers, truth=Truth(0), matching=Matching())
+    assert set(comparison.results) == {("summer", "winter"), ("winter", "summer")}
+    assert all(set(results) == {"sad", "hog"} for results in comparison.results.values())
+    out = tmp_path / "out"
+    write_comparison(comparison, out, title="a <b>", details={"command": "x"})
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["tolerance"] == 0
+    first = metrics["pairs"][0]["methods"]["hog"]
+    expected = comparison.results[metrics["pairs"][0]["query"], metrics["pairs"][0]["database"]]["hog"]
+    assert first["auc_pr"] == expected.scores.auc_pr
+    areas = [pair["methods"]["hog"]["auc_pr"] for pair in metrics["pairs"]]
+    assert metrics["mean_auc_pr"]["hog"] == pytest.approx(sum(areas) / 2)
+    page = (out / "report.html").read_text()
+    assert "a &lt;b&gt;" in page
+    assert f"| hog | {first['recall_at']['1']:.3f} |" in (out / "table.md").read_text()
+
+
+def test_one_traverse_is_no_comparison(tiny_route: Path) -> None:
+    route = open_route(tiny_route).choose(["summer"])
+    with pytest.raises(RouteError, match="two traverses"):
+        compare_methods(route, {"hog": open_describer("hog")}, truth=Truth(), matching=Matching())
+
+
+def test_a_method_that_cannot_run_is_left_out_with_its_reason(tiny_route: Path, tmp_path: Path) -> None:
+    _, describers, left_out = fit_and_open(
+        open_route(tiny_route), ["hog", "nonesuch"], Selection(), "", tmp_path / "out", settings={}
+    )
+    assert list(describers) == ["hog"]
+    assert "nonesuch" in left_out["nonesuch"]
+
+
+def test_methods_none_of_which_can_run_are_an_error(tiny_route: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="none of them"):
+        fit_and_open(open_route(tiny_route), ["nonesuch"], Selection(), "", tmp_path / "out", settings={})
+
+
+@pytest.mark.parametrize(("fit", "test", "says"), [("", "6:", "--fit-frames"), ("0:8", "6:", "share 2 places")])
+def test_a_model_is_not_fitted_on_tested_places(
+    tiny_route: Path, tmp_path: Path, fit: str, test: str, says: str
+) -> None:
+    selection = Selection(parse_frames(test))
+    with pytest.raises(ConfigError, match=says):
+        fit_and_open(open_route(tiny_route), ["vae"], selection, fit, tmp_path / "out", settings={})
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_model_is_fitted_on_the_other_places(tiny_route: Path, tmp_path: Path) -> None:
+    config = {"epochs": 1, "image_size": (32, 32), "held_out_gap": 0, "batch_size": 4}
+    tested, describers, _ = fit_and_open(
+        open_route(tiny_route), ["cp-vae"], Selection(slice(8, None)), "0:8", tmp_path / "out", settings=config
+    )
+    assert [len(traverse) for traverse in tested.traverses] == [4, 4]
+    assert describers["cp-vae"].dimension == 96
+    assert (tmp_path / "out" / "runs" / "cp-vae" / "checkpoint.json").is_file()
