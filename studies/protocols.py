@@ -43,7 +43,7 @@ PROTOCOLS = {
         test_frames="1620:",
         tolerance=1,
         filtered=True,
-        settings={"image_size": (32, 64), "grey": True, "epochs": 20},
+        settings={"image_size": (32, 64), "grey": True, "epochs": 14},
     ),
     "gardens_point": Protocol(
         route="gardens_point",
@@ -53,7 +53,7 @@ PROTOCOLS = {
         test_frames="100:140",
         tolerance=3,
         filtered=False,
-        settings={"image_size": (64, 128), "grey": True, "epochs": 120, "tolerance": 3, "augmentation": VIEWPOINT},
+        settings={"image_size": (64, 128), "grey": True, "epochs": 60, "tolerance": 3, "augmentation": VIEWPOINT},
     ),
 }
 
