@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -227,3 +229,30 @@ def test_a_write_that_fails_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(StorageError):
         example().save(tmp_path / "file" / "d.h5")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+FULL_DISK = """
+import resource, sys
+import numpy as np
+from everplace.describe.descriptors import Descriptors
+from everplace.errors import StorageError
+
+names = tuple(f"frame {number}" for number in range(40))
+descriptors = Descriptors(np.ones((40, 256), np.float32), names, method="test")
+for limit in (0, 1, 500, 2000, 8192, 40_000):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+    for write in (descriptors.save, descriptors.write_hloc):
+        try:
+            write(sys.argv[1])
+        except StorageError as error:
+            print(error)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the size of files")
+def test_a_disk_that_fills_is_told_and_nothing_is_left(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", FULL_DISK, str(tmp_path / "d.h5")]
+    told = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (told.returncode, told.stderr) == (0, "")
+    assert told.stdout.count("cannot write") == len(told.stdout.splitlines()) == 12
+    assert list(tmp_path.iterdir()) == []

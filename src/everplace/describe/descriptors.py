@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 
 from everplace.describe.protocol import Metric, Settings
 from everplace.errors import DescriptorsError
-from everplace.files import readable, whole_file
+from everplace.files import readable, write_bytes
 
 __all__ = ["Descriptors", "load_descriptors"]
 
 _BYTES_OF_NAMES = "surrogateescape"  # a name that is not UTF-8 keeps its bytes, as Python's file names do
+_GROWS_BY = 2**20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,13 +110,15 @@ class Descriptors:
         Raises:
             StorageError: The place cannot be written to.
         """
-        with whole_file(Path(path)) as temporary, h5py.File(temporary, "w") as file:
+        with _in_memory() as file:
             file["descriptors"] = self.values
             if self.variance is not None:
                 file["variance"] = self.variance
             encoded = [name.encode("utf-8", _BYTES_OF_NAMES) for name in self.names]
             file.create_dataset("names", data=encoded, dtype=h5py.string_dtype("utf-8"))
             self._write_attributes(file)
+            image = _image(file)
+        write_bytes(Path(path), image)
 
     def write_hloc(self, path: str | Path) -> None:
         """Writes hloc's layout: a group for every name (`/` nests) that holds `global_descriptor`, D float32.
@@ -125,7 +128,7 @@ class Descriptors:
                 directory of another.
             StorageError: The place cannot be written to.
         """
-        with whole_file(Path(path)) as temporary, h5py.File(temporary, "w") as file:
+        with _in_memory() as file:
             for name, row in zip(self.names, self.values, strict=True):
                 parts = name.split("/")
                 reserved = any(part in {"", ".", "global_descriptor"} for part in parts)
@@ -136,6 +139,8 @@ class Descriptors:
                     )
                 file.create_group(name)["global_descriptor"] = row
             self._write_attributes(file)
+            image = _image(file)
+        write_bytes(Path(path), image)
 
     def _write_attributes(self, file: h5py.File) -> None:
         file.attrs["method"] = self.method
@@ -168,6 +173,16 @@ def load_descriptors(path: str | Path) -> Descriptors:
         raise DescriptorsError(
             f"{readable(path)} is no readable HDF5 file ({error}); make it again with `everplace describe`"
         ) from error
+
+
+def _in_memory() -> h5py.File:
+    """A file to fill in memory: HDF5 itself crashes, or leaves its file behind, where the disk is full."""
+    return h5py.File("descriptors", "w", driver="core", backing_store=False, block_size=_GROWS_BY)
+
+
+def _image(file: h5py.File) -> bytes:
+    file.flush()
+    return cast("bytes", file.id.get_file_image())
 
 
 def _read(file: h5py.File) -> Descriptors:
