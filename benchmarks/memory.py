@@ -42,7 +42,8 @@ def _peak(what: str, route: Path, out: Path) -> int:
     """Peak resident memory, in bytes, of a process that does the work; mapped files left out."""
     environment = {**os.environ, "EVERPLACE_CACHE": str(out.with_suffix(".cache"))}
     train = ["train", str(route), "--model", "cp-vae", "--image-size", "64", "64", "--epochs", "2", "--out", str(out)]
-    describe = ["describe", "sad", str(route / "summer"), "--out", str(out.with_suffix(".h5"))]
+    run = out.with_name(out.name.replace("describe", "train"))
+    describe = ["describe", str(run), str(route / "summer"), "--out", str(out.with_suffix(".h5"))]
     command = [sys.executable, "-m", "everplace.cli.main", *(train if what == "train" else describe)]
     process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     peak, ended = 0, threading.Event()

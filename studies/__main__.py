@@ -41,7 +41,7 @@ def main() -> None:
             write_text(entry, json.dumps(make(), indent=1) + "\n")
     files = sorted((given.out / "ledger").glob("*.json"))
     ledger = {file.stem: json.loads(file.read_text("utf-8")) for file in files}
-    table = _table(protocol, ledger, given.seeds)
+    table = _table(protocol, ledger)
     write_text(given.out / "table.md", table)
     print(table, end="")
 
@@ -73,6 +73,7 @@ def _fit_and_evaluate(route: Route, protocol: Protocol, variant: str, seed: int,
     )
     summary = train(route, config, run, resume=True, show=True)
     return {
+        "config": config.model_dump(mode="json"),
         "seconds": round(summary.seconds, 1),
         "epoch": summary.best_epoch,
         "held_out": summary.best_value,
@@ -96,19 +97,23 @@ def _evaluate(route: Route, protocol: Protocol, method: str) -> list[dict[str, A
     return measured
 
 
-def _table(protocol: Protocol, ledger: dict[str, Any], seeds: list[int]) -> str:
+def _table(protocol: Protocol, ledger: dict[str, Any]) -> str:
     lines = []
     for index, (query, database) in enumerate(protocol.pairs):
         lines += [f"**{query} against {database}**", ""]
         lines += ["| method | numbers | " + " | ".join(SCORES) + " | training |", "|---" * (len(SCORES) + 3) + "|"]
         for name in (*VARIANTS, *BASELINES):
-            keys = [name] if name in BASELINES else [f"{name}, seed {seed}" for seed in seeds]
-            entries = [ledger[key] for key in keys if key in ledger]
+            entries = _entries(ledger, name)
             if entries:
                 lines.append(_line(name, entries, index))
         lines.append("")
-    lines += _audit_lines(ledger, seeds)
+    lines += _audit_lines(ledger)
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _entries(ledger: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    """The entries of a method, one a seed."""
+    return [entry for key, entry in ledger.items() if key == name or key.startswith(f"{name}, seed ")]
 
 
 def _line(name: str, entries: list[dict[str, Any]], pair: int) -> str:
@@ -128,7 +133,7 @@ def _line(name: str, entries: list[dict[str, Any]], pair: int) -> str:
 _KEYS = ("auc_pr", "average_precision", "recall_at_100_precision", "extended_precision")
 
 
-def _audit_lines(ledger: dict[str, Any], seeds: list[int]) -> list[str]:
+def _audit_lines(ledger: dict[str, Any]) -> list[str]:
     lines = [
         "**Leakage audit** on the tested places",
         "",
@@ -137,7 +142,7 @@ def _audit_lines(ledger: dict[str, Any], seeds: list[int]) -> list[str]:
         "|---" * 10 + "|",
     ]
     for name in VARIANTS:
-        audits = [ledger[f"{name}, seed {s}"]["pairs"][0]["audit"] for s in seeds if f"{name}, seed {s}" in ledger]
+        audits = [entry["pairs"][0]["audit"] for entry in _entries(ledger, name)]
         if not audits:
             continue
         cells = [

@@ -23,7 +23,7 @@ from everplace.cli.options import (
     Standardise,
     Tolerance,
 )  # fmt: skip
-from everplace.cli.output import one_of, provenance, show_progress, show_result
+from everplace.cli.output import one_of, provenance, require_directory, show_progress, show_result, warn
 
 __all__ = ["compare", "register"]
 
@@ -67,9 +67,11 @@ def compare(
     Example: everplace compare my-route --methods cp-vae,sad,hog --fit-frames 0:800 --frames 820: --out result
     """
     how = one_of(standardise, "--standardise", ("centre", "full"))
+    require_directory(out)
     from everplace.data.route import open_route
     from everplace.data.selection import Selection, parse_frames
     from everplace.experiments.comparison import compare_methods, fit_and_open, write_comparison
+    from everplace.experiments.evaluation import seen_places
     from everplace.experiments.retrieval import Matching, Truth
 
     opened = open_route(route)
@@ -90,7 +92,10 @@ def compare(
         progress=show_progress(),
     )
     for method, reason in left_out.items():
-        typer.echo(f"everplace: {method} is left out: {reason}", err=True)
+        warn(f"{method} is left out: {reason}")
+    for label, describer in describers.items():
+        if seen := seen_places(describer, tested):
+            warn(f"{seen} of the tested places carry the names of places that {label} was trained on or chosen by")
     comparison = compare_methods(
         tested,
         describers,

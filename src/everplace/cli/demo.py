@@ -24,13 +24,13 @@ def demo(
     ),
     as_json: Json = False,
 ) -> None:
-    """Render a route, train C-VAE and CP-VAE, compare them with SAD and HOG; about 4 minutes on two cores.
+    """Render a route, train C-VAE and CP-VAE, compare them with SAD and HOG; under 5 minutes on two cores.
 
     Example: everplace demo --out demo
     """
     from everplace.experiments.demo import run_demo
 
-    metrics = run_demo(out, details=provenance(), progress=show_progress(), show=True)
+    metrics = run_demo(out, details=provenance(), progress=show_progress())
     if as_json:
         show_result(metrics, as_json=True)
         return

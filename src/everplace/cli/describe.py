@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from everplace.cli.options import Json, OutFile
-from everplace.cli.output import one_of, show_progress, show_result
+from everplace.cli.output import one_of, require_file, show_progress, show_result
 
 __all__ = ["describe", "register"]
 
@@ -33,6 +33,7 @@ def describe(
     Example: everplace describe runs/cp-vae my-route/winter --out winter.h5
     """
     one_of(file_format, "--format", ("everplace", "hloc"))
+    require_file(out)
     from everplace.data.sources.folder import open_traverse
     from everplace.describe.pipeline import describe_paths
     from everplace.describe.registry import open_describer

@@ -20,7 +20,7 @@ from everplace.cli.options import (
     Standardise,
     Tolerance,
 )  # fmt: skip
-from everplace.cli.output import one_of, provenance, show_progress, show_result
+from everplace.cli.output import one_of, provenance, require_directory, show_progress, show_result, warn
 
 __all__ = ["evaluate", "register"]
 
@@ -50,6 +50,7 @@ def evaluate(
     Example: everplace evaluate my-route --method hog --database summer --query winter --frames 1620: --out result
     """
     how = one_of(standardise, "--standardise", ("centre", "full"))
+    require_directory(out)
     from everplace.data.route import open_route
     from everplace.data.selection import Selection, parse_frames
     from everplace.experiments.evaluation import evaluate_method, write_evaluation
@@ -65,5 +66,10 @@ def evaluate(
         matching=Matching(how, sequence),
         progress=show_progress(),
     )
+    if evaluation.trained_places:
+        warn(
+            f"{evaluation.trained_places} of the tested places carry the names of places that {method} was trained on "
+            "or chosen by; test on others with --frames if it is the same route"
+        )
     write_evaluation(evaluation, out, details=provenance())
     show_result(evaluation.metrics(), as_json)

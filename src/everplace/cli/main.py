@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import sys
+import warnings
 from importlib import import_module
 
 import typer
@@ -31,6 +32,7 @@ for _name in ("demo", "train", "describe", "match", "evaluate", "compare", "show
 
 def main() -> None:
     """Runs the command and exits with its status: 0, 1 machine, 2 usage or input, 130 Ctrl-C."""
+    warnings.showwarning = _show_warning
     sys.exit(run(sys.argv[1:]))
 
 
@@ -46,8 +48,7 @@ def run(arguments: list[str]) -> int:
     except KeyboardInterrupt:
         return _interrupted()
     except MemoryError:
-        _say("the machine is out of memory; use smaller batches, images or fewer frames")
-        return _MACHINE_FAILED
+        return _out_of_memory()
     except BrokenPipeError:
         # Whoever read our output has gone; Python would complain once more when it closes stdout.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -57,8 +58,19 @@ def run(arguments: list[str]) -> int:
         where = f" ({error.filename})" if error.filename else ""
         _say(known.get(error.errno or 0, f"{error.strerror or error}{where}; check the path and its permissions"))
         return _MACHINE_FAILED
-    except typer.TyperException as error:
-        return _usage(error)
+    except Exception as error:  # the last resort: no traceback reaches a user
+        if hasattr(error, "format_message"):  # Typer's own errors, whichever library they come from
+            return _usage(error)
+        if type(error).__name__ == "OutOfMemoryError" or "allocate memory" in str(error):
+            return _out_of_memory()
+        if os.environ.get("EVERPLACE_TRACEBACK"):
+            raise
+        what = str(error).strip().splitlines()
+        _say(
+            f"this is a bug in everplace: {type(error).__name__}: {what[0] if what else ''}; "
+            "please report it with what EVERPLACE_TRACEBACK=1 shows"
+        )
+        return _MACHINE_FAILED
     # Typer catches Ctrl-C itself and returns its status.
     if status == _INTERRUPTED:
         return _interrupted()
@@ -78,9 +90,19 @@ def _usage(error: Exception) -> int:
     return _BAD_USAGE
 
 
+def _out_of_memory() -> int:
+    _say("the machine is out of memory; use a smaller --image-size, batch_size or fewer frames")
+    return _MACHINE_FAILED
+
+
 def _interrupted() -> int:
     _say("stopped; what was finished is kept")
     return _INTERRUPTED
+
+
+def _show_warning(message: Warning | str, *_where: object, **_more: object) -> None:
+    """Says a warning as a sentence; the line of code it came from helps no user."""
+    _say(str(message))
 
 
 def _say(message: str) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from everplace.cli.options import Json, OutFile, Sequence, Standardise
-from everplace.cli.output import one_of, show_result
+from everplace.cli.output import one_of, require_file, show_result
 
 __all__ = ["match", "register"]
 
@@ -36,6 +36,7 @@ def match(
     """
     how = one_of(standardise, "--standardise", ("centre", "full"))
     kind = one_of(file_format, "--format", ("csv", "hloc-pairs", "kapture"))
+    require_file(out)
     from everplace.describe.descriptors import load_descriptors
     from everplace.match.io import write_matches
     from everplace.match.search import best_matches

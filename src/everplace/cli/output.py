@@ -8,12 +8,14 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime, timezone
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, TypeVar
 
 from everplace.errors import ConfigError
+from everplace.files import readable
 from everplace.progress import Progress
 
-__all__ = ["one_of", "provenance", "show_progress", "show_result"]
+__all__ = ["one_of", "provenance", "require_directory", "require_file", "show_progress", "show_result", "warn"]
 
 T = TypeVar("T")
 
@@ -49,6 +51,37 @@ def provenance() -> dict[str, str]:
     command = shlex.join(["everplace", *sys.argv[1:]])
     now = datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
     return {"command": command, "date": now, "version": f"everplace {version('everplace')}"}
+
+
+def warn(message: str) -> None:
+    """Says something on stderr that the user should know, though the work goes on."""
+    print(f"everplace: {message}", file=sys.stderr)
+
+
+def require_directory(out: Path) -> None:
+    """Refuses an --out that cannot be a directory, before any work is done.
+
+    Raises:
+        ConfigError: It, or what it lies in, is a file.
+    """
+    for path in (out, *out.parents):
+        if path.exists():
+            if not path.is_dir():
+                raise ConfigError(f"--out {readable(out)} cannot be a directory: {readable(path)} is a file")
+            return
+
+
+def require_file(out: Path, endings: tuple[str, ...] = ()) -> None:
+    """Refuses an --out that cannot be a file, before any work is done.
+
+    Raises:
+        ConfigError: It is a directory, lies in a file, or has another ending than those given.
+    """
+    if out.is_dir():
+        raise ConfigError(f"--out {readable(out)} is a directory; name a file")
+    if endings and out.suffix.lower() not in endings:
+        raise ConfigError(f"--out {readable(out)} must end in {' or '.join(endings)}")
+    require_directory(out.parent)
 
 
 def one_of(value: str | None, option: str, allowed: tuple[str, ...]) -> Any:

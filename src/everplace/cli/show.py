@@ -12,6 +12,7 @@ from everplace.cli.options import (
     DropDark,
     DropStationary,
     Frames,
+    Json,
     OutFile,
     Query,
     Radius,
@@ -20,12 +21,14 @@ from everplace.cli.options import (
     Standardise,
     Tolerance,
 )  # fmt: skip
-from everplace.cli.output import one_of, show_progress
+from everplace.cli.output import one_of, require_file, show_progress, show_result
 
 if TYPE_CHECKING:
     from everplace.data.route import Route
 
 __all__ = ["register"]
+
+_PICTURES = (".png", ".svg", ".pdf")
 
 RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="Directory of a trained model.")]
 Conditions = Annotated[str, typer.Option("--conditions", metavar="A,B", help="Traverses or conditions to show [all].")]
@@ -54,11 +57,13 @@ def swap(
     ] = None,
     drop_dark: DropDark = False,
     drop_stationary: DropStationary = False,
+    as_json: Json = False,
 ) -> None:
     """Decode z_p of one frame with z_c of another, for one place in all conditions (Figures 6 and 7).
 
     Example: everplace show swap runs/cp-vae my-route --frames 1620: --out swap.png
     """
+    require_file(out, _PICTURES)
     from everplace.experiments.pictures import swap_figure
     from everplace.model.checkpoint import load_checkpoint
     from everplace.plots.canvas import save_figure
@@ -66,7 +71,7 @@ def swap(
     model = load_checkpoint(run).model
     chosen = _select(route, conditions, frames, drop_dark, drop_stationary)
     save_figure(swap_figure(model, chosen, place), out)
-    print(out)
+    show_result({"out": str(out)}, as_json)
 
 
 def constant(
@@ -78,11 +83,13 @@ def constant(
     count: Annotated[int, typer.Option("--count", min=1, help="Places to show.")] = 4,
     drop_dark: DropDark = False,
     drop_stationary: DropStationary = False,
+    as_json: Json = False,
 ) -> None:
     """Decode z_p of every frame with one constant z_c: condition-invariant images (Figures 8 and 9).
 
     Example: everplace show constant runs/cp-vae my-route --frames 1620: --out constant.png
     """
+    require_file(out, _PICTURES)
     from everplace.experiments.pictures import constant_figure
     from everplace.model.checkpoint import load_checkpoint
     from everplace.plots.canvas import save_figure
@@ -90,7 +97,7 @@ def constant(
     model = load_checkpoint(run).model
     chosen = _select(route, conditions, frames, drop_dark, drop_stationary)
     save_figure(constant_figure(model, chosen, count=count), out)
-    print(out)
+    show_result({"out": str(out)}, as_json)
 
 
 def matrix(
@@ -106,6 +113,7 @@ def matrix(
     drop_stationary: DropStationary = False,
     standardise: Standardise = None,
     sequence: Sequence = 1,
+    as_json: Json = False,
 ) -> None:
     """Draw the similarity matrix with its truth and the best matches.
 
@@ -113,7 +121,7 @@ def matrix(
     """
     _evaluated(
         "matrix", route, method, database, query, out, frames, tolerance, radius, drop_dark, drop_stationary,
-        standardise, sequence,
+        standardise, sequence, as_json,
     )  # fmt: skip
 
 
@@ -130,6 +138,7 @@ def matches(
     drop_stationary: DropStationary = False,
     standardise: Standardise = None,
     sequence: Sequence = 1,
+    as_json: Json = False,
 ) -> None:
     """Draw a gallery of right and wrong matches.
 
@@ -137,7 +146,7 @@ def matches(
     """
     _evaluated(
         "matches", route, method, database, query, out, frames, tolerance, radius, drop_dark, drop_stationary,
-        standardise, sequence,
+        standardise, sequence, as_json,
     )  # fmt: skip
 
 
@@ -155,7 +164,9 @@ def _evaluated(
     drop_stationary: bool,
     standardise: str | None,
     sequence: int,
+    as_json: bool,
 ) -> None:
+    require_file(out, _PICTURES)
     how = one_of(standardise, "--standardise", ("centre", "full"))
     from everplace.data.route import open_route
     from everplace.data.selection import Selection, parse_frames
@@ -172,7 +183,7 @@ def _evaluated(
     result = retrieve(describer, pair, truth, Matching(how, sequence), progress=progress)
     draw = matrix_figure if what == "matrix" else match_figure
     save_figure(draw(pair, result, title=result.method), out)
-    print(out)
+    show_result({"out": str(out)}, as_json)
 
 
 def _select(route: Path, conditions: str, frames: str, drop_dark: bool, drop_stationary: bool) -> Route:

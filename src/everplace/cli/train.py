@@ -21,7 +21,7 @@ from everplace.cli.options import (
     RouteArgument,
     Seed,
 )  # fmt: skip
-from everplace.cli.output import one_of, show_progress, show_result
+from everplace.cli.output import one_of, require_directory, show_progress, show_result
 
 __all__ = ["register", "train"]
 
@@ -93,6 +93,7 @@ def train(
     from everplace.training.fit import train as run_training
     from everplace.training.run_directory import leads
 
+    require_directory(out)
     summary = run_training(
         open_route(route),
         checked,

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 
 from everplace.describe.descriptors import Descriptors
 from everplace.match.sequence import average_sequences
 from everplace.match.similarity import similarity, top_k
-from everplace.match.standardise import standardise
+from everplace.match.standardise import Standardisation, standardise
 
 __all__ = ["best_matches", "compared"]
 
 
 def compared(
-    query: Descriptors, database: Descriptors, standardised: Literal["centre", "full"] | None
+    query: Descriptors, database: Descriptors, standardised: Standardisation | None
 ) -> tuple[Descriptors, Descriptors]:
     """The two sides as they are compared: each standardised by its own mean (and spread), or as they are."""
     if standardised is None:
@@ -29,7 +27,7 @@ def best_matches(
     database: Descriptors,
     k: int,
     *,
-    standardised: Literal["centre", "full"] | None = None,
+    standardised: Standardisation | None = None,
     sequence: int = 1,
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Finds the K best database frames of every query, best first; equal scores go to the lower index.
