@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from everplace.errors import RouteError
-from everplace.evaluate.audit import audit, encode_frames
+from everplace.evaluate.audit import Audit, Probe, SwapError, audit, encode_frames
 from everplace.model.architecture import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.model.images import to_input
@@ -67,18 +67,30 @@ def mean_square(a: NDArray[np.integer], b: NDArray[np.integer]) -> float:
     return float((((a - b) / 255) ** 2).sum(axis=1).mean() / 1024)
 
 
+def probes(found: Audit) -> tuple[Probe, Probe]:
+    """The probes of z_p and z_c."""
+    assert found.condition_from_z_p is not None
+    assert found.condition_from_z_c is not None
+    return found.condition_from_z_p, found.condition_from_z_c
+
+
+def swap_of(found: Audit) -> SwapError:
+    assert found.swap is not None
+    return found.swap
+
+
 def test_a_latent_that_is_disentangled_is_found_so(pixel_model: ConditionVAE) -> None:
     places = codes(0, 20, 96)
     conditions = [np.tile(code, (20, 1)) for code in codes(1, 2, 32)]
     found = audit(pixel_model, [pictures(places, condition) for condition in conditions], tolerance=0)
     # Both conditions show the same z_p, so whatever a probe says is right for one of the two.
-    assert (found.condition_from_z_p.linear, found.condition_from_z_p.mlp) == (0.5, 0.5)
-    assert (found.condition_from_z_c.linear, found.condition_from_z_c.mlp) == (1.0, 1.0)
-    assert found.condition_from_z_c.chance == 0.5
+    assert (probes(found)[0].linear, probes(found)[0].mlp) == (0.5, 0.5)
+    assert (probes(found)[1].linear, probes(found)[1].mlp) == (1.0, 1.0)
+    assert probes(found)[1].chance == 0.5
     assert found.recall_at_1["z_p"] == 1.0
     # All z_c of a condition are the same: each query takes the first frame.
     assert found.recall_at_1["z_c"] == pytest.approx(1 / 20)
-    swap = found.swap
+    swap = swap_of(found)
     assert [swap.mean_z_c, swap.same_place_z_c, swap.other_place_z_c] == pytest.approx([0, 0, 0], abs=1e-12)
     assert swap.unchanged == pytest.approx(mean_square(conditions[0], conditions[1]))
     assert swap.mean_image == pytest.approx(mean_square(places, places.mean(0).round().astype(int)[None]), rel=1e-4)
@@ -89,16 +101,16 @@ def test_a_z_c_that_carries_the_place_is_told(pixel_model: ConditionVAE) -> None
     places = codes(2, 20, 32)
     conditions = [np.tile(code, (20, 1)) for code in codes(3, 2, 96)]
     found = audit(pixel_model, [pictures(condition, places) for condition in conditions], tolerance=0)
-    assert found.condition_from_z_p.linear == 1.0
-    assert found.condition_from_z_c.linear == 0.5
+    assert probes(found)[0].linear == 1.0
+    assert probes(found)[1].linear == 0.5
     assert found.recall_at_1["z_c"] == 1.0
     assert found.recall_at_1["z_p"] == pytest.approx(1 / 20)
     between = mean_square(conditions[0], conditions[1])
-    assert found.swap.same_place_z_c == pytest.approx(between)
-    assert found.swap.other_place_z_c == pytest.approx(between + mean_square(places, np.roll(places, 10, axis=0)))
+    assert swap_of(found).same_place_z_c == pytest.approx(between)
+    assert swap_of(found).other_place_z_c == pytest.approx(between + mean_square(places, np.roll(places, 10, axis=0)))
     mean = places.mean(0)[None] * np.ones((20, 1))
-    assert found.swap.mean_z_c == pytest.approx(between + mean_square(places * 1000, mean * 1000) / 1e6, rel=1e-4)
-    assert found.swap.unchanged == pytest.approx(between)
+    assert swap_of(found).mean_z_c == pytest.approx(between + mean_square(places * 1000, mean * 1000) / 1e6, rel=1e-4)
+    assert swap_of(found).unchanged == pytest.approx(between)
 
 
 def test_tolerance_counts_places(pixel_model: ConditionVAE) -> None:
@@ -118,8 +130,8 @@ def test_one_leaking_dimension_of_96_is_found_by_both_probes(pixel_model: Condit
     for condition, block in enumerate(blocks):
         block[:, 40] = 50 + 150 * condition + rng.integers(0, 50, 200)
     found = audit(pixel_model, [pictures(block, constant) for block in blocks], tolerance=0)
-    assert found.condition_from_z_p.linear > 0.95
-    assert found.condition_from_z_p.mlp > 0.95
+    assert probes(found)[0].linear > 0.95
+    assert probes(found)[0].mlp > 0.95
 
 
 def test_a_leak_that_is_not_linear_is_found_by_the_perceptron(pixel_model: ConditionVAE) -> None:
@@ -132,14 +144,14 @@ def test_a_leak_that_is_not_linear_is_found_by_the_perceptron(pixel_model: Condi
         block[:, :8] = 128 + 90 * sign + rng.integers(-20, 20, (200, 8))
         block[:, 8:16] = 128 + 90 * sign * (1 - 2 * condition) + rng.integers(-20, 20, (200, 8))
     found = audit(pixel_model, [pictures(block, constant) for block in blocks], tolerance=0)
-    assert found.condition_from_z_p.mlp > 0.95
-    assert abs(found.condition_from_z_p.linear - 0.5) < 0.15
+    assert probes(found)[0].mlp > 0.95
+    assert abs(probes(found)[0].linear - 0.5) < 0.15
 
 
 def test_what_is_not_there_is_not_found(pixel_model: ConditionVAE) -> None:
     frames = [pictures(codes(20 + c, 150, 96), codes(30 + c, 150, 32)) for c in range(3)]
     found = audit(pixel_model, frames, tolerance=0)
-    for probe in (found.condition_from_z_p, found.condition_from_z_c):
+    for probe in probes(found):
         assert probe.chance == pytest.approx(1 / 3)
         assert abs(probe.linear - 1 / 3) < 0.1
         assert abs(probe.mlp - 1 / 3) < 0.1
@@ -172,7 +184,7 @@ def test_swap_errors_of_a_real_network_by_a_direct_computation() -> None:
     model = network()
     rng = np.random.default_rng(1)
     frames = [rng.integers(0, 256, (70, 32, 32, 1), dtype=np.uint8) for _ in range(3)]
-    found = audit(model, frames, tolerance=1).swap
+    found = swap_of(audit(model, frames, tolerance=1))
     images = [to_input(torch.from_numpy(block)) for block in frames]
     rows = []
     with torch.no_grad():
@@ -199,14 +211,14 @@ def test_a_few_places_are_enough(places: int) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = audit(network(), frames, tolerance=0)
-    assert 0 <= found.condition_from_z_p.mlp <= 1
-    assert json.loads(json.dumps(found.to_dict()))["swap"]["unchanged"] == found.swap.unchanged
+    assert 0 <= probes(found)[0].mlp <= 1
+    assert json.loads(json.dumps(found.to_dict()))["swap"]["unchanged"] == swap_of(found).unchanged
 
 
-@pytest.mark.parametrize(("conditions", "places"), [(1, 10), (2, 3), (0, 0)])
-def test_too_few_conditions_or_places_are_one_clear_error(conditions: int, places: int) -> None:
-    frames = [np.zeros((places, 32, 32, 1), dtype=np.uint8) for _ in range(conditions)]
-    with pytest.raises(RouteError, match="needs two conditions of at least four shared places; widen --frames"):
+@pytest.mark.parametrize(("traverses", "places"), [(1, 10), (2, 3), (0, 0)])
+def test_too_few_traverses_or_places_are_one_clear_error(traverses: int, places: int) -> None:
+    frames = [np.zeros((places, 32, 32, 1), dtype=np.uint8) for _ in range(traverses)]
+    with pytest.raises(RouteError, match="needs two traverses of at least four shared places; widen --frames"):
         audit(network(), frames, tolerance=0)
 
 
@@ -216,3 +228,36 @@ def test_the_audit_is_repeatable_and_leaves_the_model_alone() -> None:
     frames = [np.random.default_rng(c).integers(0, 256, (12, 32, 32, 1), dtype=np.uint8) for c in range(2)]
     assert audit(model, frames, tolerance=1) == audit(model, frames, tolerance=1)
     assert all(torch.equal(value, before[name]) for name, value in model.state_dict().items())
+
+
+def test_traverses_of_one_condition_are_one_class(pixel_model: ConditionVAE) -> None:
+    """z_p holds the drive and z_c the condition: three drives, two of them in winter."""
+    places = [codes(40 + drive, 20, 96) for drive in range(3)]
+    winter, summer = (np.tile(code, (20, 1)) for code in codes(50, 2, 32))
+    frames = [pictures(z_p, z_c) for z_p, z_c in zip(places, (winter, winter, summer), strict=True)]
+    found = audit(pixel_model, frames, tolerance=0, conditions=("winter", "winter", "summer"))
+    _, probe = probes(found)
+    assert (probe.linear, probe.mlp) == (1.0, 1.0)
+    assert probe.chance == pytest.approx(2 / 3)
+    # As drives they cannot be told apart: the two in winter have the same z_c.
+    _, alone = probes(audit(pixel_model, frames, tolerance=0))
+    assert alone.linear == pytest.approx(2 / 3)
+    # Each winter with summer and back, but not one winter with the other.
+    between = [mean_square(places[w], places[2]) + mean_square(winter, summer) for w in (0, 1)]
+    assert swap_of(found).unchanged == pytest.approx(np.mean(between))
+
+
+def test_with_one_condition_there_is_nothing_to_probe_or_swap(pixel_model: ConditionVAE) -> None:
+    frames = [pictures(codes(60, 12, 96), codes(61 + drive, 12, 32)) for drive in range(2)]
+    found = audit(pixel_model, frames, tolerance=0, conditions=["rain", "rain"])
+    written = json.loads(json.dumps(found.to_dict()))
+    assert [written[key] for key in ("condition_from_z_p", "condition_from_z_c", "swap")] == [None, None, None]
+    assert written["recall_at_1"]["z_p"] == 1.0
+    assert set(written) == {
+        "condition_from_z_p",
+        "condition_from_z_c",
+        "recall_at_1",
+        "swap",
+        "active_dimensions",
+        "kl",
+    }

@@ -8,6 +8,7 @@ block, retrieval by each block, and the error of images decoded from swapped blo
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import permutations
@@ -70,10 +71,12 @@ class Probe:
 
 @dataclass(frozen=True, slots=True)
 class SwapError:
-    """Mean squared error, per pixel value in [0, 1], of frame i in condition v decoded from z_p of frame i in u.
+    """Mean squared error, per pixel value in [0, 1], of frame i in traverse v decoded from z_p of frame i in u.
+
+    The conditions of u and v differ.
 
     Attributes:
-        mean_z_c: With the mean z_c of condition v: the place can only have come from z_p.
+        mean_z_c: With the mean z_c of traverse v: the place can only have come from z_p.
         same_place_z_c: With z_c of the same place in v.
         other_place_z_c: With z_c of another place in v. Where this is much above `same_place_z_c`, z_c carries the
             place.
@@ -93,18 +96,18 @@ class Audit:
     """What the two blocks hold, on held-out frames.
 
     Attributes:
-        condition_from_z_p: Wanted: chance.
-        condition_from_z_c: Wanted: 1.
-        recall_at_1: Retrieval between the conditions by `z_p`, `z_c` and all of `z`; wanted: z_p the best, z_c none.
-        swap: Errors of swap reconstruction.
+        condition_from_z_p: Wanted: chance. None: all traverses show one condition.
+        condition_from_z_c: Wanted: 1. None: all traverses show one condition.
+        recall_at_1: Retrieval between the traverses by `z_p`, `z_c` and all of `z`; wanted: z_p the best, z_c none.
+        swap: Errors of swap reconstruction. None: all traverses show one condition.
         active_dimensions: Dimensions of `z_p` and `z_c` whose mean KL divergence is above 0.01 nats.
         kl: KL divergence of `z_p` and `z_c` in nats, a mean over frames.
     """
 
-    condition_from_z_p: Probe
-    condition_from_z_c: Probe
+    condition_from_z_p: Probe | None
+    condition_from_z_c: Probe | None
     recall_at_1: dict[str, float]
-    swap: SwapError
+    swap: SwapError | None
     active_dimensions: dict[str, int]
     kl: dict[str, float]
 
@@ -130,20 +133,29 @@ def encode_frames(model: ConditionVAE, pixels: NDArray[np.uint8]) -> Latents:
     return Latents(split.z_p(z).numpy(), split.z_c(z).numpy(), split.z_p(kl).numpy(), split.z_c(kl).numpy())
 
 
-def audit(model: ConditionVAE, frames: Sequence[NDArray[np.uint8]], tolerance: int, *, seed: int = 0) -> Audit:
-    """Audits a model on the same places seen in several conditions.
+def audit(
+    model: ConditionVAE,
+    frames: Sequence[NDArray[np.uint8]],
+    tolerance: int,
+    *,
+    conditions: Sequence[str] | None = None,
+    seed: int = 0,
+) -> Audit:
+    """Audits a model on the same places seen in several traverses.
 
     Args:
         model: A trained model; for the plain VAE the two blocks are its first 96 and last 32 dimensions.
-        frames: One array N×H×W×C a condition; row i of each shows the same place.
+        frames: One array N×H×W×C a traverse; row i of each shows the same place.
         tolerance: A match this many places away is right.
+        conditions: The condition of each traverse; several may share one. None: each has its own.
         seed: Of the probes.
 
     Raises:
-        RouteError: There are fewer than two conditions or fewer than four places.
+        RouteError: There are fewer than two traverses or fewer than four places.
     """
     if len(frames) < 2 or len(frames[0]) < 4:
-        raise RouteError("the leakage audit needs two conditions of at least four shared places; widen --frames")
+        raise RouteError("the leakage audit needs two traverses of at least four shared places; widen --frames")
+    conditions = tuple(map(str, range(len(frames)))) if conditions is None else tuple(conditions)
     latents = [encode_frames(model, pixels) for pixels in frames]
     kl_place = np.mean([part.kl_place for part in latents], axis=0)
     kl_condition = np.mean([part.kl_condition for part in latents], axis=0)
@@ -153,10 +165,10 @@ def audit(model: ConditionVAE, frames: Sequence[NDArray[np.uint8]], tolerance: i
         "z": [np.concatenate([part.z_p, part.z_c], axis=1) for part in latents],
     }
     return Audit(
-        condition_from_z_p=_probe(z["z_p"], seed),
-        condition_from_z_c=_probe(z["z_c"], seed),
+        condition_from_z_p=_probe(z["z_p"], conditions, seed),
+        condition_from_z_c=_probe(z["z_c"], conditions, seed),
         recall_at_1={name: _recall(blocks, tolerance) for name, blocks in z.items()},
-        swap=_swap_error(model, frames, latents),
+        swap=_swap_error(model, frames, latents, conditions),
         active_dimensions={
             "z_p": int((kl_place > _ACTIVE_ABOVE).sum()),
             "z_c": int((kl_condition > _ACTIVE_ABOVE).sum()),
@@ -165,11 +177,14 @@ def audit(model: ConditionVAE, frames: Sequence[NDArray[np.uint8]], tolerance: i
     )
 
 
-def _probe(blocks: Sequence[NDArray[np.float32]], seed: int) -> Probe:
+def _probe(blocks: Sequence[NDArray[np.float32]], conditions: Sequence[str], seed: int) -> Probe | None:
     """Fits on one contiguous half of the places and scores on the other, both ways round."""
+    shares = [count / len(conditions) for count in Counter(conditions).values()]
+    if len(shares) < 2:
+        return None
     places = np.tile(np.arange(len(blocks[0])), len(blocks))
     values = np.concatenate(blocks)
-    conditions = np.repeat(np.arange(len(blocks)), len(blocks[0]))
+    classes = np.repeat(conditions, len(blocks[0]))
     first = places < len(blocks[0]) // 2
     # Regularised and fitted to the end: a probe that is stopped early, on few frames, misses leaks that are there.
     probes = {
@@ -183,14 +198,14 @@ def _probe(blocks: Sequence[NDArray[np.float32]], seed: int) -> Probe:
             with warnings.catch_warnings():
                 # The last digits of the weights do not matter here.
                 warnings.simplefilter("ignore", ConvergenceWarning)
-                fitted = make_pipeline(StandardScaler(), probe).fit(values[fit], conditions[fit])
-            scores.append(fitted.score(values[~fit], conditions[~fit]))
+                fitted = make_pipeline(StandardScaler(), probe).fit(values[fit], classes[fit])
+            scores.append(fitted.score(values[~fit], classes[~fit]))
         accuracy[name] = float(np.mean(scores))
-    return Probe(**accuracy, chance=1.0 / len(blocks))
+    return Probe(**accuracy, chance=max(shares))
 
 
 def _recall(blocks: Sequence[NDArray[np.float32]], tolerance: int) -> float:
-    """Recall@1 by cosine, a mean over all ordered pairs of conditions."""
+    """Recall@1 by cosine, a mean over all ordered pairs of traverses."""
     places = np.arange(len(blocks[0]))
     truth = np.abs(places[:, None] - places[None, :]) <= tolerance
     names = tuple(map(str, places))
@@ -199,12 +214,19 @@ def _recall(blocks: Sequence[NDArray[np.float32]], tolerance: int) -> float:
     return float(np.mean([evaluate(similarity(a, b), truth).recall_at["1"] for a, b in pairs]))
 
 
-def _swap_error(model: ConditionVAE, frames: Sequence[NDArray[np.uint8]], latents: Sequence[Latents]) -> SwapError:
+def _swap_error(
+    model: ConditionVAE,
+    frames: Sequence[NDArray[np.uint8]],
+    latents: Sequence[Latents],
+    conditions: Sequence[str],
+) -> SwapError | None:
+    """A mean over all ordered pairs of traverses whose conditions differ."""
     errors = [
         _swap_pair(model, (frames[u], frames[v]), (latents[u], latents[v]))
         for u, v in permutations(range(len(frames)), 2)
+        if conditions[u] != conditions[v]
     ]
-    return SwapError(*np.mean(errors, axis=0).tolist())
+    return SwapError(*np.mean(errors, axis=0).tolist()) if errors else None
 
 
 def _swap_pair(
@@ -212,7 +234,7 @@ def _swap_pair(
     frames: tuple[NDArray[np.uint8], NDArray[np.uint8]],
     latents: tuple[Latents, Latents],
 ) -> tuple[float, ...]:
-    """The five errors of one ordered pair of conditions, in the order of `SwapError`."""
+    """The five errors of one ordered pair of traverses, in the order of `SwapError`."""
     device = model.log_sigma.device
     source, target = frames
     z_p = torch.from_numpy(latents[0].z_p)
