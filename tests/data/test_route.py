@@ -59,6 +59,23 @@ def test_choose(seasons: Route) -> None:
         seasons.choose([])
 
 
+def test_only_goes_by_the_names_of_traverses(tmp_path: Path) -> None:
+    make(tmp_path, a=["1"], b=["1"], winter=["1"])
+    (tmp_path / "route.toml").write_text('[traverses.a]\ncondition = "winter"\n')
+    route = open_route(tmp_path)
+    assert [traverse.name for traverse in route.only(["winter"]).traverses] == ["winter"]
+    assert [traverse.name for traverse in route.only(["winter", "a", "a"]).traverses] == ["a", "winter"]
+    assert route.only(["a"]).root == tmp_path
+    assert len(route.traverses) == 3
+
+
+def test_only_refuses_what_is_no_traverse(seasons: Route) -> None:
+    with pytest.raises(RouteError, match=r"no traverse 'winter'; there are: feb \(winter\), jan \(winter\), july"):
+        seasons.only(["jan", "winter"])
+    with pytest.raises(RouteError, match="no traverse .* was chosen"):
+        seasons.only([])
+
+
 def test_frames_are_joined_by_stem_in_natural_order(seasons: Route) -> None:
     assert seasons.shared_stems() == ("2", "10")
     assert seasons.choose(["jan", "feb"]).at(["10", "2"])["jan"].stems == ("2", "10")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -72,10 +72,20 @@ class Route:
         for name in names:
             if all(name not in (traverse.name, traverse.condition) for traverse in self.traverses):
                 raise self._unknown(name)
-        chosen = tuple(traverse for traverse in self.traverses if traverse.name in names or traverse.condition in names)
-        if not chosen:
-            raise RouteError(f"no traverse of {readable(self.root)} was chosen; {self._offer()}")
-        return replace(self, traverses=chosen)
+        return self._of(
+            traverse for traverse in self.traverses if traverse.name in names or traverse.condition in names
+        )
+
+    def only(self, names: Sequence[str]) -> Route:
+        """Returns the route of the traverses with exactly these names, in the route's order; conditions do not count.
+
+        Raises:
+            RouteError: A name is not a traverse's, or there are no names.
+        """
+        for name in names:
+            if all(name != traverse.name for traverse in self.traverses):
+                raise RouteError(f"{readable(self.root)} has no traverse {name!r}; {self._offer()}")
+        return self._of(traverse for traverse in self.traverses if traverse.name in names)
 
     def shared_stems(self) -> tuple[str, ...]:
         """Returns the stems that every traverse has, in natural order; empty when there is none."""
@@ -90,6 +100,12 @@ class Route:
         """
         wanted = frozenset(stems)
         return replace(self, traverses=tuple(_restrict(traverse, wanted) for traverse in self.traverses))
+
+    def _of(self, chosen: Iterable[Traverse]) -> Route:
+        traverses = tuple(chosen)
+        if not traverses:
+            raise RouteError(f"no traverse of {readable(self.root)} was chosen; {self._offer()}")
+        return replace(self, traverses=traverses)
 
     def _common(self) -> frozenset[str]:
         """Returns the stems that every traverse has."""
