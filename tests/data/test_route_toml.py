@@ -65,6 +65,20 @@ def test_mistakes_name_key_and_file(tmp_path: Path, text: str, message: str) -> 
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("ignore = " + "[" * 100_000, "nests its values too deeply"),
+        ("ignore = " + "{a=" * 5_000, "nests its values too deeply"),
+        ("tolerance = 1" + "0" * 5_000, "is not valid TOML"),
+    ],
+    ids=["lists", "tables", "digits"],
+)
+def test_what_the_parser_gives_up_on(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=rf"route\.toml {message}"):
+        read(tmp_path, text)
+
+
 def test_not_utf8(tmp_path: Path) -> None:
     (tmp_path / "route.toml").write_bytes(b"# caf\xe9\n")
     with pytest.raises(ConfigError, match=r"route\.toml is not valid TOML"):

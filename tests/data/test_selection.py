@@ -36,6 +36,11 @@ def test_nonsense_frames(text: str) -> None:
         parse_frames(text)
 
 
+def test_a_number_longer_than_python_reads() -> None:
+    with pytest.raises(ConfigError, match="--frames holds a number of thousands of digits"):
+        parse_frames("0:" + "9" * 10_000)
+
+
 def flat(*levels: int) -> NDArray[np.uint8]:
     return np.repeat(np.array(levels, dtype=np.uint8), 32 * 64).reshape(-1, 32, 64, 1)
 

@@ -32,6 +32,11 @@ def test_tolerance_counts_places_not_digits() -> None:
     ]
 
 
+@pytest.mark.parametrize("tolerance", [3, 2**63 - 1, 10**20])
+def test_a_tolerance_beyond_the_route_makes_all_places_the_same(tolerance: int) -> None:
+    assert truth_by_position(drive(["1", "3"]), drive(["2", "3", "4"]), tolerance).all()
+
+
 def test_places_that_only_one_side_has_are_counted() -> None:
     assert truth_by_position(drive(["1", "3"]), drive(["1", "2", "3"]), 1).tolist() == [
         [True, True, False],

@@ -89,7 +89,9 @@ def read_route_toml(route: Path) -> RouteToml:
         return RouteToml()
     except OSError as error:
         raise ConfigError(f"cannot read {readable(path)}: {error.strerror or error}; check its permissions") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except RecursionError as error:
+        raise ConfigError(f"{readable(path)} nests its values too deeply; correct it") from error
+    except ValueError as error:  # not UTF-8, not TOML, or a number of thousands of digits
         raise ConfigError(f"{readable(path)} is not valid TOML ({error}); correct it") from error
     try:
         return RouteToml.model_validate(content)

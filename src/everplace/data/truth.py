@@ -37,6 +37,8 @@ def truth_by_position(query: Traverse, database: Traverse, tolerance: int) -> ND
             f"the traverses {query.name!r} and {database.name!r} share no stem, so nobody knows which frames "
             "show the same place; name frames of the same place alike, or add poses and give a radius"
         )
+    # Further than all places is all of them; NumPy's integers end before Python's do.
+    tolerance = min(tolerance, len(query) + len(database))
     place = {stem: rank for rank, stem in enumerate(natural_sorted({*query.stems, *database.stems}))}
     columns = np.array([place[stem] for stem in database.stems])
     order = np.argsort(columns)
