@@ -92,7 +92,7 @@ def pack(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Decode every frame of a route once, so that training starts at once.
+    """Decode every frame of a route once, so that training on all of it starts at once.
 
     Example: everplace data pack my-route --image-size 224 224
     """
