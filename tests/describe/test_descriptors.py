@@ -134,6 +134,65 @@ def _nothing_behind_it(file: h5py.File) -> None:
     file.create_dataset("descriptors", shape=(1 << 40, 1 << 10), dtype=np.float32, chunks=(1024, 1024))
 
 
+def _one_chunk_of_many(file: h5py.File) -> None:
+    del file["descriptors"]
+    sparse = file.create_dataset("descriptors", shape=(3, 1 << 40), dtype=np.float32, chunks=(1, 64))
+    sparse[0, :2] = 1
+
+
+def _zip_bomb(file: h5py.File) -> None:
+    del file["descriptors"]
+    shape, chunks = (3, 1 << 30), (1, 1 << 20)
+    packed = file.create_dataset("descriptors", shape, np.float32, chunks=chunks, compression="gzip")
+    packed[0, :2] = 1
+
+
+def _more_chunk_than_numbers(file: h5py.File) -> None:
+    del file["descriptors"]
+    shape, chunks = (3, 2), (3, 1 << 22)
+    file.create_dataset(
+        "descriptors", shape, np.float32, data=VALUES, chunks=chunks, maxshape=(3, None), compression="gzip"
+    )
+
+
+def _bytes_of_another_file(file: h5py.File) -> None:
+    del file["descriptors"]
+    path = Path(file.filename).with_name("secret")
+    path.write_bytes(VALUES.tobytes())
+    file.create_dataset("descriptors", (3, 2), np.float32, external=[(str(path), 0, h5py.h5f.UNLIMITED)])
+
+
+def _virtual(file: h5py.File) -> None:
+    del file["descriptors"]
+    with h5py.File(Path(file.filename).with_name("other.h5"), "w") as other:
+        other["x"] = VALUES
+        layout = h5py.VirtualLayout((3, 2), np.float32)
+        layout[:] = h5py.VirtualSource(other["x"])
+    file.create_virtual_dataset("descriptors", layout)
+
+
+def _external_link(file: h5py.File) -> None:
+    del file["names"]
+    with h5py.File(Path(file.filename).with_name("other.h5"), "w") as other:
+        other["names"] = list(NAMES)
+    file["names"] = h5py.ExternalLink("other.h5", "names")
+
+
+def _soft_link(file: h5py.File) -> None:
+    file.move("names", "others")
+    file["names"] = h5py.SoftLink("/others")
+
+
+def _more_names(file: h5py.File) -> None:
+    del file["names"]
+    file["names"] = [*NAMES, "d"]
+
+
+def _null(file: h5py.File) -> None:
+    del file["descriptors"]
+    file["descriptors"] = h5py.Empty("f4")
+
+
 def _group(file: h5py.File) -> None:
     del file["descriptors"]
     file.create_group("descriptors")
@@ -178,7 +237,16 @@ def _settings_nested(file: h5py.File) -> None:
         (_object, "floating-point numbers, not object"),
         (_integers, "floating-point numbers, not int32"),
         (_one_row, r"not float32 of \(2,\)"),
-        (_nothing_behind_it, "holds no numbers"),
+        (_nothing_behind_it, "holds only 0 bytes"),
+        (_one_chunk_of_many, r"announces the shape \(3, 1099511627776\), but holds only 256 bytes"),
+        (_zip_bomb, "announces the shape"),
+        (_more_chunk_than_numbers, "announces the shape"),
+        (_bytes_of_another_file, "`descriptors` keeps its numbers in other files"),
+        (_virtual, "`descriptors` keeps its numbers in other files"),
+        (_external_link, "`names` is a link to another place"),
+        (_soft_link, "`names` is a link to another place"),
+        (_more_names, "3 rows of descriptors for 4 names"),
+        (_null, "floating-point numbers, not float32 of None"),
         (_group, "no dataset `descriptors`"),
         (_no_names, "no dataset `names`"),
         (_number_names, "`names` must be a list of strings"),
@@ -222,6 +290,35 @@ def test_a_file_from_elsewhere_needs_values_and_names_only(tmp_path: Path) -> No
     read = load_descriptors(tmp_path / "d.h5")
     assert (read.names, read.method, read.metric, read.settings) == (("a", "b", "c"), "unknown", "cosine", {})
     assert read.values.dtype == np.float32
+
+
+def test_a_compressed_file_from_elsewhere_is_read(tmp_path: Path) -> None:
+    values = np.random.default_rng(0).random((300, 16), np.float32)
+    names = tuple(f"frame {number}" for number in range(300))
+    with h5py.File(tmp_path / "d.h5", "w") as file:
+        file.create_dataset("descriptors", data=values, compression="gzip", maxshape=(None, 16))
+        file.create_dataset("names", data=names, dtype=h5py.string_dtype(), compression="gzip", maxshape=(None,))
+    read = load_descriptors(tmp_path / "d.h5")
+    assert (read.values == values).all()
+    assert read.names == names
+
+
+def test_names_that_all_point_at_one_long_text_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "d.h5"
+    text = b"x" * 60_000
+    many = np.ones((5000, 1), np.float32)
+    names = tuple(f"{number}" for number in range(len(many)))
+    example(values=many, names=names).save(path)
+    with h5py.File(path, "r+") as file:
+        del file["names"]
+        file.create_dataset("names", (len(many),), h5py.string_dtype())[0] = text
+        start = file["names"].id.get_offset()
+    # A string is its length, the address of a heap and a number in it: copied, it is the same text again.
+    data = bytearray(path.read_bytes())
+    data[start : start + 16 * len(many)] = bytes(data[start : start + 16]) * len(many)
+    path.write_bytes(data)
+    with pytest.raises(DescriptorsError, match=r"d\.h5 cannot be read: its `names` are longer than the file"):
+        load_descriptors(path)
 
 
 def test_a_write_that_fails_leaves_nothing(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
+import math
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,6 +27,8 @@ __all__ = ["Descriptors", "load_descriptors"]
 
 _BYTES_OF_NAMES = "surrogateescape"  # a name that is not UTF-8 keeps its bytes, as Python's file names do
 _GROWS_BY = 2**20
+_MOST_COMPRESSED = 1000  # bytes out of one, about what deflate reaches on zeros
+_NAMES_AT_ONCE = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,9 +193,11 @@ def _read(file: h5py.File) -> Descriptors:
     names = _dataset(file, "names")
     if h5py.check_string_dtype(names.dtype) is None or names.ndim != 1:
         raise DescriptorsError(f"`names` must be a list of strings, not {names.dtype} of shape {names.shape}")
+    if values.ndim == 2 and len(names) != len(values):
+        raise DescriptorsError(f"there are {len(values)} rows of descriptors for {len(names)} names")
     return Descriptors(
         values=_numbers(values, "descriptors"),
-        names=tuple(names.asstr("utf-8", _BYTES_OF_NAMES)[:]),
+        names=_texts(names),
         method=_text(file, "method", "unknown"),
         metric=cast("Metric", _text(file, "metric", "cosine")),
         settings=_settings(_text(file, "settings", "{}")),
@@ -201,18 +206,45 @@ def _read(file: h5py.File) -> Descriptors:
 
 
 def _dataset(file: h5py.File, name: str) -> Any:
+    """Finds a dataset; one that keeps its numbers elsewhere, or too few for what it announces, is refused."""
+    link = file.get(name, getlink=True)
+    if link is not None and not isinstance(link, h5py.HardLink):
+        raise DescriptorsError(f"`{name}` is a link to another place; write the numbers into the file itself")
     if not isinstance(found := file.get(name), h5py.Dataset):
         raise DescriptorsError(f"it holds no dataset `{name}`; make it again with `everplace describe`")
+    if found.is_virtual or found.external:
+        raise DescriptorsError(f"`{name}` keeps its numbers in other files; write them into the file itself")
+    _check_size(found, name, file.id.get_filesize())
     return found
+
+
+def _check_size(dataset: Any, name: str, file_bytes: int) -> None:
+    """Refuses what announces more than it can hold: else a file of 1 KB could ask for all memory."""
+    stored = min(dataset.id.get_storage_size(), file_bytes)
+    compressed = dataset.id.get_create_plist().get_nfilters() > 0
+    entries = max(dataset.size or 0, math.prod(dataset.chunks or (0,)))  # a chunk is read whole
+    if dataset.size and entries * dataset.dtype.itemsize > stored * (_MOST_COMPRESSED if compressed else 1):
+        raise DescriptorsError(f"`{name}` announces the shape {dataset.shape}, but holds only {stored} bytes")
 
 
 def _numbers(dataset: Any, what: str) -> NDArray[Any]:
     """Reads an array, after a look at its type: object types are refused before anything of them is read."""
     if dataset.dtype.kind != "f" or dataset.ndim != 2:
         raise DescriptorsError(f"`{what}` must be N×D floating-point numbers, not {dataset.dtype} of {dataset.shape}")
-    if dataset.size and not dataset.id.get_storage_size():  # else a file of 1 KB could ask for all memory
-        raise DescriptorsError(f"`{what}` announces the shape {dataset.shape}, but holds no numbers")
     return np.asarray(dataset[:])
+
+
+def _texts(dataset: Any) -> tuple[str, ...]:
+    """Reads strings bit by bit: all of them may point at the same long text."""
+    texts: list[str] = []
+    total = 0
+    most = max(dataset.file.id.get_filesize(), dataset.nbytes)
+    for start in range(0, len(dataset), _NAMES_AT_ONCE):
+        texts.extend(dataset.asstr("utf-8", _BYTES_OF_NAMES)[start : start + _NAMES_AT_ONCE])
+        total += sum(map(len, texts[start:]))
+        if total > most:
+            raise DescriptorsError("its `names` are longer than the file; make it again with `everplace describe`")
+    return tuple(texts)
 
 
 def _text(file: h5py.File, name: str, default: str) -> str:
