@@ -3,16 +3,19 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from everplace.data import pack as module
 from everplace.data.images import ImageSpec, decode_image
 from everplace.data.pack import default_cache, pack
 from everplace.data.route import open_route
@@ -151,6 +154,44 @@ def test_two_processes_at_once(tiny_route: Path, cache: Path, tmp_path: Path) ->
     expected = pack(open_route(tiny_route)["winter"], SPEC, cache=tmp_path / "other").pixels
     assert found == {int(expected.astype(np.int64).sum())}
     assert len(list(cache.iterdir())) == 1
+
+
+def test_a_pack_that_another_process_has_just_finished_is_taken(
+    winter: Traverse, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    finished: list[int] = []
+
+    def meanwhile(_: Path) -> None:
+        monkeypatch.setattr(module, "_remove_leftovers", lambda _: None)
+        pack(winter, SPEC, cache=cache)
+        (path,) = cache.glob("*/pixels.npy")
+        finished.append(path.stat().st_ino)
+        monkeypatch.setattr(module, "decode_images", None)
+
+    monkeypatch.setattr(module, "_remove_leftovers", meanwhile)
+    assert len(pack(winter, SPEC, cache=cache)) == 12
+    (path,) = cache.glob("*/pixels.npy")
+    assert finished == [path.stat().st_ino]
+
+
+@pytest.mark.parametrize(("times", "works"), [(1, True), (2, False)])
+def test_a_pack_that_is_set_aside_once_made_is_made_once_more(
+    winter: Traverse, cache: Path, monkeypatch: pytest.MonkeyPatch, times: int, works: bool
+) -> None:
+    make, left = module._make, [None] * times
+
+    def make_and_lose(directory: Path, *others: Any) -> None:
+        make(directory, *others)
+        if left:
+            left.pop()
+            shutil.rmtree(directory)
+
+    monkeypatch.setattr(module, "_make", make_and_lose)
+    if works:
+        assert len(pack(winter, SPEC, cache=cache)) == 12
+    else:
+        with pytest.raises(StorageError, match="altered while it was made"):
+            pack(winter, SPEC, cache=cache)
 
 
 STALLING = """

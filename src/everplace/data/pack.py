@@ -90,21 +90,19 @@ def pack(traverse: Traverse, spec: ImageSpec, *, cache: Path | None = None, prog
     shape = (len(traverse), *spec.size, spec.channels)
     cache = default_cache() if cache is None else cache
     directory = cache / _key(traverse, spec, progress)
-    pixels = _open(directory, shape)
-    if pixels is None:
-        _remove_leftovers(cache)
-        try:
-            _set_aside(directory)
-            # The lock is let go of last, after the rename.
-            with contextlib.ExitStack() as lock, whole_directory(directory) as temporary:
-                _take(lock, temporary)
-                _fill(temporary, traverse, spec, shape, progress)
-        except StorageError as error:
-            raise StorageError(f"{error} (EVERPLACE_CACHE says where packed images are kept)") from error
+    # Twice, because between two looks another process may have set aside what this one has just made.
+    for _ in range(2):
         pixels = _open(directory, shape)
         if pixels is None:
-            raise StorageError(f"{readable(directory)} was altered while it was made; run the command again")
-    return PackedImages(pixels, traverse.stems)
+            _remove_leftovers(cache)
+            try:
+                _make(directory, traverse, spec, shape, progress)
+            except StorageError as error:
+                raise StorageError(f"{error} (EVERPLACE_CACHE says where packed images are kept)") from error
+            pixels = _open(directory, shape)
+        if pixels is not None:
+            return PackedImages(pixels, traverse.stems)
+    raise StorageError(f"{readable(directory)} was altered while it was made; run the command again")
 
 
 def _key(traverse: Traverse, spec: ImageSpec, progress: Progress) -> str:
@@ -134,6 +132,16 @@ def _open(directory: Path, shape: tuple[int, ...]) -> NDArray[np.uint8] | None:
         return None
     whole = pixels.shape == shape and pixels.dtype == np.uint8 and pixels.flags.c_contiguous
     return pixels if whole and size == pixels.offset + pixels.nbytes else None
+
+
+def _make(directory: Path, traverse: Traverse, spec: ImageSpec, shape: tuple[int, ...], progress: Progress) -> None:
+    """Makes a pack, unless another process has just done so."""
+    if not _set_aside(directory, shape):
+        return
+    # The lock is let go of last, after the rename.
+    with contextlib.ExitStack() as lock, whole_directory(directory) as temporary:
+        _take(lock, temporary)
+        _fill(temporary, traverse, spec, shape, progress)
 
 
 def _fill(directory: Path, traverse: Traverse, spec: ImageSpec, shape: tuple[int, ...], progress: Progress) -> None:
@@ -173,13 +181,20 @@ def _remove_leftovers(cache: Path) -> None:
                 shutil.rmtree(leftover, ignore_errors=True)
 
 
-def _set_aside(directory: Path) -> None:
-    """Removes a pack that was altered; by rename first, so that nobody opens it half removed."""
+def _set_aside(directory: Path, shape: tuple[int, ...]) -> bool:
+    """Removes a pack that was altered; by rename first, so that nobody opens it half removed.
+
+    Returns:
+        Whether the place is free; not so if another process has finished the pack meanwhile.
+    """
+    if _open(directory, shape) is not None:
+        return False
     aside = directory.with_name(f".{directory.name}.{secrets.token_hex(4)}.part")
     try:
         directory.rename(aside)
     except FileNotFoundError:
-        return
+        return True
     except OSError as error:
         raise StorageError(f"cannot replace {readable(directory)}: {error.strerror or error}; remove it") from error
     shutil.rmtree(aside, ignore_errors=True)
+    return True
