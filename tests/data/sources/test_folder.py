@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from everplace.data.route_toml import RouteToml, TraverseToml
-from everplace.data.sources.folder import read_traverses
+from everplace.data.sources.folder import open_traverse, read_traverses
 from everplace.errors import RouteError
 
 PLAIN = RouteToml()
@@ -96,6 +96,15 @@ def test_poses_csv_in_the_traverse_is_found(tmp_path: Path) -> None:
     assert with_poses.poses is not None
     assert with_poses.poses[:, 0].tolist() == [10.0, 20.0]
     assert without.poses is None
+
+
+def test_a_directory_alone_has_no_poses_to_be_wrong(tmp_path: Path) -> None:
+    make(tmp_path, "a/2.png", "a/10.png")
+    (tmp_path / "a/poses.csv").write_text("nonsense")
+    traverse = open_traverse(tmp_path / "a")
+    assert (traverse.name, traverse.condition, traverse.stems, traverse.poses) == ("a", "a", ("2", "10"), None)
+    with pytest.raises(RouteError, match="gone does not exist"):
+        open_traverse(tmp_path / "gone")
 
 
 def test_settings_of_a_traverse_that_is_not_there(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import os
+from dataclasses import replace
 from pathlib import Path
 
 from everplace.data.images import IMAGE_ENDINGS
@@ -56,7 +57,7 @@ def read_traverses(root: Path, settings: RouteToml) -> tuple[Traverse, ...]:
 
 
 def open_traverse(directory: Path) -> Traverse:
-    """Lists one directory of images as a traverse, with no route around it; no image is opened.
+    """Lists one directory of images as a traverse without poses, with no route around it; no image is opened.
 
     Raises:
         RouteError: There is no such directory, it holds no image, or two files share a stem.
@@ -65,7 +66,7 @@ def open_traverse(directory: Path) -> Traverse:
         problem = "is not a directory" if directory.exists() else "does not exist"
         raise RouteError(f"{readable(directory)} {problem}; give a directory that holds images")
     whole = directory.absolute()
-    return _read_traverse(whole.parent, whole.name, TraverseToml())
+    return _list_traverse(whole.parent, whole.name, TraverseToml())
 
 
 def _sub_directories(root: Path) -> list[str]:
@@ -101,6 +102,15 @@ def _no_traverses(root: Path) -> RouteError:
 
 def _read_traverse(root: Path, name: str, settings: TraverseToml) -> Traverse:
     """Lists one traverse and reads its poses."""
+    traverse = _list_traverse(root, name, settings)
+    poses_file = traverse.root / POSES_CSV if settings.poses is None else root / settings.poses
+    if settings.poses is None and not poses_file.is_file():
+        return traverse
+    return replace(traverse, poses=read_poses(poses_file, traverse.stems))
+
+
+def _list_traverse(root: Path, name: str, settings: TraverseToml) -> Traverse:
+    """Lists one traverse, without poses."""
     directory = root / name
     endings = _frames(directory, settings.pattern)
     if not endings:
@@ -110,15 +120,12 @@ def _read_traverse(root: Path, name: str, settings: TraverseToml) -> Traverse:
             f"the directory, or name it under `ignore` in {ROUTE_TOML}"
         )
     stems = tuple(natural_sorted(endings))
-    poses_file = directory / POSES_CSV if settings.poses is None else root / settings.poses
-    has_poses = settings.poses is not None or poses_file.is_file()
     return Traverse(
         name=name,
         condition=settings.condition or name,
         root=directory,
         stems=stems,
         endings=tuple(endings[stem] for stem in stems),
-        poses=read_poses(poses_file, stems) if has_poses else None,
     )
 
 
