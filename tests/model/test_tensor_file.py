@@ -181,3 +181,20 @@ def test_killed_between_the_two_files_the_old_pair_is_loaded_and_the_next_save_t
     saved(run, 3.0)
     assert load_tensors(run, "pair", 2)[0]["a"][0] == 3.0
     assert not orphan.exists()
+
+
+def test_a_pair_replaced_while_it_is_read_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = saved(tmp_path, 1.0)
+    read_text = Path.read_text
+    writes = iter([2.0])
+
+    def read_then_replaced(self: Path, *arguments: Any) -> str:
+        text = read_text(self, *arguments)
+        for value in writes:
+            saved(tmp_path, value)
+        return text
+
+    monkeypatch.setattr(Path, "read_text", read_then_replaced)
+    loaded, document = load_tensors(tmp_path, "pair", 2)
+    assert loaded["a"][0] == 2.0
+    assert document == json.loads(path.read_bytes())

@@ -6,6 +6,7 @@ new one and never half of each, and a file that was altered is noticed. Loading 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import re
@@ -65,6 +66,21 @@ def load_tensors(directory: Path, name: str, format_version: int) -> tuple[dict[
     Raises:
         CheckpointError: Something is missing, malformed, of another version, or was altered.
     """
+    document = _read_document(directory, name, format_version)
+    path = directory / f"{name}.json"
+    with contextlib.suppress(FileNotFoundError):
+        return _read_tensors(path, document.get("tensors")), document
+    # A writer may have replaced the pair since the JSON was read.
+    document = _read_document(directory, name, format_version)
+    try:
+        return _read_tensors(path, document.get("tensors")), document
+    except FileNotFoundError as error:
+        raise CheckpointError(
+            f"{readable(error.filename)} cannot be read ({error.strerror}); restore it or train again"
+        ) from None
+
+
+def _read_document(directory: Path, name: str, format_version: int) -> dict[str, Any]:
     path = directory / f"{name}.json"
     try:
         document = json.loads(path.read_text("utf-8"))
@@ -78,15 +94,18 @@ def load_tensors(directory: Path, name: str, format_version: int) -> tuple[dict[
             f"{readable(path)} has format {found!r}, but this version of everplace reads format {format_version}; "
             "use the version that wrote it, or train again"
         )
-    return _read_tensors(path, document.get("tensors")), document
+    return document
 
 
 def _read_tensors(path: Path, entry: Any) -> dict[str, Tensor]:
+    """The tensors of an entry; FileNotFoundError if their file is not there."""
     file, digest = (entry.get("file"), entry.get("sha256")) if isinstance(entry, dict) else (None, None)
     if not isinstance(file, str) or not re.fullmatch(r"[\w.-]+\.safetensors", file):
         raise CheckpointError(f"{readable(path)} names no tensor file beside it; restore it or train again")
     try:
         data = (path.parent / file).read_bytes()
+    except FileNotFoundError:
+        raise
     except OSError as error:
         raise CheckpointError(
             f"{readable(path.parent / file)} cannot be read ({error.strerror}); restore it or train again"
