@@ -22,6 +22,7 @@ from everplace.model.bounds import (
     gaussian_log_likelihood,
     label_log_likelihood,
     optimal_log_sigma,
+    soft_clipped_log_sigma,
     soft_place_targets,
     vae_bound,
 )
@@ -186,6 +187,7 @@ def test_optimal_log_sigma_maximises_the_likelihood_above_the_floor(error: float
     # The soft clip lies above the larger of the two, most where they meet, and by less than 3 % for usual errors.
     assert found > max(best, LOG_SIGMA_FLOOR) - 1e-3
     assert found == pytest.approx(np.logaddexp(best, LOG_SIGMA_FLOOR), abs=1e-3)
+    assert float(soft_clipped_log_sigma((images - reconstruction).square().mean())) == found
     if error >= 0.01:
         assert found == pytest.approx(best, abs=0.25 if error == 0.01 else 0.01)
 

@@ -22,6 +22,7 @@ __all__ = [
     "gaussian_log_likelihood",
     "label_log_likelihood",
     "optimal_log_sigma",
+    "soft_clipped_log_sigma",
     "soft_place_targets",
     "vae_bound",
 ]
@@ -103,8 +104,7 @@ def cp_vae_bound(
 def optimal_log_sigma(images: Tensor, reconstruction: Tensor) -> Tensor:
     """The log sigma that maximises the batch's likelihood, in closed form (sigma-VAE, Rybkin et al. 2021, Eq. 6).
 
-    Softly clipped below at `LOG_SIGMA_FLOOR`. It couples the frames of a batch: use it to train; evaluate a bound
-    with the fixed sigma of the checkpoint.
+    It couples the frames of a batch: use it to train; evaluate a bound with the fixed sigma of the checkpoint.
 
     Args:
         images: (B, C, H, W).
@@ -113,7 +113,18 @@ def optimal_log_sigma(images: Tensor, reconstruction: Tensor) -> Tensor:
     Returns:
         Scalar.
     """
-    mean_square = (images - reconstruction).square().mean()
+    return soft_clipped_log_sigma((images - reconstruction).square().mean())
+
+
+def soft_clipped_log_sigma(mean_square: Tensor) -> Tensor:
+    """The log of the root of a mean squared error, softly clipped below at `LOG_SIGMA_FLOOR`.
+
+    Args:
+        mean_square: Scalar, mean over frames and pixel values.
+
+    Returns:
+        Scalar.
+    """
     log_sigma = 0.5 * torch.log(mean_square + 1e-12)
     return LOG_SIGMA_FLOOR + functional.softplus(log_sigma - LOG_SIGMA_FLOOR)
 

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-__all__ = ["LatentSplit", "Posterior"]
+__all__ = ["ACTIVE_ABOVE", "LatentSplit", "Posterior"]
+
+ACTIVE_ABOVE = 0.01
+"""A latent dimension whose mean KL divergence is above this, in nats, is counted as active."""
 
 
 @dataclass(frozen=True, slots=True)
