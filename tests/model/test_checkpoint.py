@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -125,3 +126,17 @@ def test_saving_over_an_older_model_replaces_it(tmp_path: Path) -> None:
     loaded = load_checkpoint(tmp_path)
     assert (loaded.model.config.kind, loaded.about) == ("c-vae", {"epoch": 2})
     assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_what_was_seen_and_the_hash_of_the_weights_come_back(tmp_path: Path) -> None:
+    save_checkpoint(tmp_path, small_model("vae"), {"trained_stems": ("a", "b"), "held_out_stems": ("b", "d")})
+    loaded = load_checkpoint(tmp_path)
+    assert loaded.seen_stems == {"a", "b", "d"}
+    (weights,) = tmp_path.glob("*.safetensors")
+    assert loaded.sha256 == hashlib.sha256(weights.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("about", [{}, {"trained_stems": 3, "held_out_stems": [1]}])
+def test_where_nothing_was_recorded_nothing_was_seen(tmp_path: Path, about: dict[str, Any]) -> None:
+    save_checkpoint(tmp_path, small_model("vae"), about)
+    assert load_checkpoint(tmp_path).seen_stems == frozenset()

@@ -17,9 +17,12 @@ from everplace.model.architecture import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.model.tensor_file import load_tensors, save_tensors
 
-__all__ = ["CHECKPOINT_NAME", "Checkpoint", "load_checkpoint", "save_checkpoint"]
+__all__ = ["CHECKPOINT_NAME", "HELD_OUT_STEMS", "TRAINED_STEMS", "Checkpoint", "load_checkpoint", "save_checkpoint"]
 
 CHECKPOINT_NAME = "checkpoint"
+TRAINED_STEMS, HELD_OUT_STEMS = "trained_stems", "held_out_stems"
+"""Where `about` lists the stems of the frames in the gradient, and of those that chose the epoch."""
+
 _FORMAT = 1
 
 
@@ -29,11 +32,22 @@ class Checkpoint:
 
     Attributes:
         model: The network, with its weights, in evaluation mode and on the CPU.
-        about: How it was trained and chosen: recipe, seed, epoch, criterion and its value.
+        about: How it was trained and chosen: recipe, seed, epoch, criterion and its value, fingerprint of the images
+            and their stems.
+        sha256: Of the file of the weights, in hex; empty for a model that was not loaded from a file.
     """
 
     model: ConditionVAE
     about: dict[str, Any] = field(default_factory=dict)
+    sha256: str = ""
+
+    @property
+    def seen_stems(self) -> frozenset[str]:
+        """Stems of all frames that were trained on or chose the epoch; empty where that was not recorded."""
+        lists = [self.about.get(key) for key in (TRAINED_STEMS, HELD_OUT_STEMS)]
+        return frozenset(
+            stem for some in lists if isinstance(some, list | tuple) for stem in some if isinstance(stem, str)
+        )
 
 
 def save_checkpoint(run: Path, model: ConditionVAE, about: dict[str, Any]) -> None:
@@ -65,7 +79,8 @@ def load_checkpoint(run: str | Path) -> Checkpoint:
             f"{readable(run / CHECKPOINT_NAME)}.json describes no model: {where}: {first['msg']}; train again"
         ) from None
     about = document.get("about")
-    return Checkpoint(_model(run, config, tensors).eval(), about if isinstance(about, dict) else {})
+    model = _model(run, config, tensors).eval()
+    return Checkpoint(model, about if isinstance(about, dict) else {}, document["tensors"]["sha256"])
 
 
 def _model(run: Path, config: ModelConfig, tensors: dict[str, Tensor]) -> ConditionVAE:

@@ -40,12 +40,18 @@ class VAEDescriber:
         self._model: ConditionVAE = checkpoint.model.to(self._device).eval()
 
     def settings(self) -> dict[str, str | int | float | bool]:
-        """What tells this model from others: kind, image, and how it was trained and chosen."""
+        """What tells this model from others: image, how it was trained and chosen, and the hash of its weights."""
         known = {
             key: value for key, value in self.checkpoint.about.items() if isinstance(value, str | int | float | bool)
         }
         config = self.checkpoint.model.config
-        return {"height": config.height, "width": config.width, "channels": config.channels, **known}
+        return {
+            "height": config.height,
+            "width": config.width,
+            "channels": config.channels,
+            **known,
+            "weights": self.checkpoint.sha256[:16],
+        }
 
     def describe(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Describes a batch, B×H×W×C uint8, as B×D float32."""
