@@ -24,6 +24,10 @@ from everplace.training.config import CONFIG_FILE, TrainConfig, read_toml, recip
         ({"batch_size": 1}, "batch_size: "),
         ({"held_out": 0.5}, "held_out: .*less than 0.5"),
         ({"image_size": (32,)}, r"image_size"),
+        ({"image_size": (0, 64)}, "image_size: 0x64 is not .* give multiples of 32 such as 32x64"),
+        ({"image_size": (-32, 64)}, "image_size: .* multiples of 32 such as 32x64"),
+        ({"image_size": (100, 64)}, "image_size: .* multiples of 32 such as 96x64"),
+        ({"cls": 1}, "cls: .*; known are model"),
         ({"epochs": 0}, "epochs: "),
         ({"seed": -1}, "seed: "),
         ({"model": "gan"}, "model: .*'vae', 'c-vae' or 'cp-vae'"),
@@ -80,4 +84,7 @@ def test_a_config_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
         read_toml(path)
     path.write_bytes(b'a = "\xff"')
     with pytest.raises(ConfigError, match=r"mine\.toml is not TOML"):
+        read_toml(path)
+    path.write_text("a = " + "[" * 100_000)
+    with pytest.raises(ConfigError, match=r"mine\.toml is (nested too deeply|not TOML)"):
         read_toml(path)

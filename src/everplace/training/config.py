@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from everplace.data.augment import Augmentation
 from everplace.errors import ConfigError
@@ -101,6 +101,16 @@ class TrainConfig(_Section):
     tolerance: Annotated[int, Field(ge=0)] = 1
     validate_every: Annotated[int, Field(gt=0)] = 1
 
+    @field_validator("image_size")
+    @classmethod
+    def _multiples_of_32(cls, size: tuple[int, int]) -> tuple[int, int]:
+        if any(side < 32 or side % 32 for side in size):
+            nearest = "x".join(str(max(32, round(side / 32) * 32)) for side in size)
+            raise ValueError(
+                f"{size[0]}x{size[1]} is not a multiple of 32 on both sides; give multiples of 32 such as {nearest}"
+            )
+        return size
+
     @model_validator(mode="after")
     def _one_length(self) -> TrainConfig:
         if (self.epochs is None) == (self.minutes is None):
@@ -108,7 +118,7 @@ class TrainConfig(_Section):
         return self
 
     @classmethod
-    def build(cls, **values: Any) -> TrainConfig:
+    def build(cls, /, **values: Any) -> TrainConfig:
         """Makes a configuration from a recipe's defaults and the values given over them.
 
         Args:
@@ -163,6 +173,10 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"--config {readable(path)} cannot be read ({error.strerror}); check the path") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"--config {readable(path)} is not TOML: {error}") from None
+    except RecursionError:
+        raise ConfigError(
+            f"--config {readable(path)} is nested too deeply; write it as the documentation does"
+        ) from None
 
 
 def write_config(run: Path, config: TrainConfig) -> None:
