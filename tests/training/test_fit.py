@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from everplace.training import fit
 from everplace.training.callbacks import CollapseWarning
 from everplace.training.config import TrainConfig
 from everplace.training.fit import TrainSummary, bf16_is_fast, train
-from everplace.training.frames import split_route
+from everplace.training.frames import fingerprint, split_route
 from everplace.training.metrics import read_metrics
 from everplace.training.module import BoundModule
 from everplace.training.state import RunProgress, load_state, save_state
@@ -72,7 +73,11 @@ def test_a_run_leaves_checkpoint_configuration_and_metrics(
         "epoch": summary.best_epoch,
         "criterion": "held_out_recall_at_1",
         "value": summary.best_value,
+        "images": fingerprint(split_route(route, config)),
+        "trained_stems": [str(place) for place in range(8)],
+        "held_out_stems": ["10", "11"],
     }
+    assert checkpoint.seen_stems == {str(place) for place in (*range(8), 10, 11)}
     # The sigma that training reached went along, and the measurement can be repeated with it.
     row = summary.best_epoch - 1
     assert checkpoint.model.log_sigma.exp().item() == pytest.approx(metrics["sigma"][row], rel=1e-5)
@@ -147,7 +152,6 @@ def test_what_cannot_be_trained_is_one_clear_error_and_makes_no_directory(
 ) -> None:
     apart = apart_route(tmp_path / "apart")
     refused: list[tuple[Route, TrainConfig, int, type[EverplaceError], str]] = [
-        (route, make_config(image_size=(40, 32)), 1, ConfigError, "40x32 is not a multiple of 32"),
         (route, make_config(model="c-vae", conditions=("day",)), 1, ConfigError, "c-vae needs at least two conditions"),
         (apart, make_config(held_out_gap=0), 1, RouteError, "share no stem, and cp-vae learns from the same places"),
         (route, make_config(held_out_gap=10), 1, RouteError, "12 frames to train on, too few"),
@@ -168,7 +172,7 @@ def test_more_places_than_the_route_had_is_a_clear_error_when_resuming(
     train(route, config, tmp_path / "run", save_every=0)
     fewer = torch.nn.Linear(2, 2)
     save_state(tmp_path / "run", RunProgress(epoch=1), fewer, torch.optim.AdamW(fewer.parameters()))
-    with pytest.raises(EverplaceError, match="the route has changed since"):
+    with pytest.raises(EverplaceError, match="do not fit the model that config.toml and the route make"):
         train(route, config, tmp_path / "run", resume=True)
 
 
@@ -246,3 +250,41 @@ def test_json_values_of_a_checkpoint_are_plain(run: tuple[Path, TrainSummary, Tr
     assert document["format"] == 1
     assert document["model"]["places"] == 8
     assert document["model"]["conditions"] == ["day", "night"]
+
+
+@pytest.mark.parametrize("finished", [True, False])
+def test_a_run_is_not_continued_with_other_images(
+    run: tuple[Path, TrainSummary, TrainConfig], route: Route, tmp_path: Path, finished: bool
+) -> None:
+    out, _, config = run
+    shutil.copytree(out, tmp_path / "run")
+    shutil.copytree(route.root, tmp_path / "route")
+    other = tmp_path / "route" / "night" / "11.png"
+    shutil.copy(route.root / "night" / "10.png", other)
+    if not finished:
+        model = load_checkpoint(out).model
+        images = load_checkpoint(out).about["images"]
+        save_state(tmp_path / "run", RunProgress(epoch=1), model, torch.optim.AdamW(model.parameters()), images)
+    before = {path: path.read_bytes() for path in (tmp_path / "run").rglob("*") if path.is_file()}
+    with pytest.raises(ConfigError, match=f"run was trained on other images than {tmp_path / 'route'}; name another"):
+        train(open_route(tmp_path / "route"), config, tmp_path / "run", resume=True)
+    assert {path: path.read_bytes() for path in (tmp_path / "run").rglob("*") if path.is_file()} == before
+    # The same images elsewhere are the same.
+    shutil.copy(route.root / "night" / "11.png", other)
+    if finished:
+        assert train(open_route(tmp_path / "route"), config, tmp_path / "run", resume=True).epochs == 3
+
+
+@pytest.mark.parametrize("what", ["a file", "a run"])
+def test_what_stands_at_out_is_refused_before_any_image_is_read(
+    route: Route, make_config: MakeConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    out = tmp_path / "run"
+    if what == "a file":
+        out.write_text("")
+    else:
+        out.mkdir()
+        (out / "config.toml").write_text("")
+    monkeypatch.setattr(fit, "select_route", lambda *_: pytest.fail("the route was read"))
+    with pytest.raises(ConfigError, match="run is a file|run already holds a run"):
+        train(route, make_config(), out)

@@ -16,7 +16,7 @@ from everplace.data.augment import Augmentation
 from everplace.data.route import Route, open_route
 from everplace.errors import RouteError
 from everplace.training.config import TrainConfig
-from everplace.training.frames import EpochOrder, FrameBlock, SplitRoute, TrainingFrames, split_route
+from everplace.training.frames import EpochOrder, FrameBlock, SplitRoute, TrainingFrames, fingerprint, split_route
 
 MakeConfig = Callable[..., TrainConfig]
 
@@ -49,6 +49,8 @@ def test_the_held_out_block_is_contiguous_at_the_end_behind_a_gap(tmp_path: Path
     assert [values(block) for block in split.held_out] == [list(range(16, 20)), list(range(116, 120))]
     assert [block.condition for block in split.training] == [0, 1]
     assert (split.conditions, split.aligned, split.places) == (("a", "b"), True, 13)
+    assert split.trained_stems == tuple(str(stem) for stem in range(13))
+    assert split.held_out_stems == ("16", "17", "18", "19")
 
 
 def test_traverses_without_shared_stems_have_no_places(tmp_path: Path, make_config: MakeConfig) -> None:
@@ -56,6 +58,7 @@ def test_traverses_without_shared_stems_have_no_places(tmp_path: Path, make_conf
     split = split_route(route, make_config(model="c-vae", held_out_gap=0, grey=True))
     assert not split.aligned
     assert split.places == 0
+    assert split.trained_stems == tuple(str(stem) for stem in (*range(8), *range(50, 68)))
     assert [len(block.pixels) for block in split.training] == [8, 18]
     batch = TrainingFrames(split, NONE, seed=0)[(0, np.arange(26))]
     assert set(batch.places.tolist()) == {-1}
@@ -135,3 +138,25 @@ def test_devices_share_out_the_same_batches(world: int) -> None:
         parts.append(order_of(order, 1))
     for index, batch in enumerate(alone):
         assert sorted(np.concatenate([part[index] for part in parts])) == sorted(batch)
+
+
+def test_the_fingerprint_tells_pixels_stems_labels_and_division_apart() -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, (600, 2, 2, 1), dtype=np.uint8)
+    stems = tuple(map(str, range(600)))
+    changed = pixels.copy()
+    changed[-1, -1, -1] ^= 1
+    block = FrameBlock(pixels, 0, stems)
+    same = FrameBlock(pixels.copy(), 0, stems)
+    first = fingerprint(SplitRoute(("a", "b"), (block,), (block,), True))
+    assert fingerprint(SplitRoute(("a", "b"), (same,), (same,), True)) == first
+    others = [
+        SplitRoute(("a", "b"), (FrameBlock(changed, 0, stems),), (block,), True),
+        SplitRoute(("a", "b"), (block,), (FrameBlock(changed, 0, stems),), True),
+        SplitRoute(("a", "b"), (FrameBlock(pixels, 1, stems),), (block,), True),
+        SplitRoute(("a", "b"), (FrameBlock(pixels, 0, stems[::-1]),), (block,), True),
+        SplitRoute(("a", "b"), (FrameBlock(pixels.reshape(600, 4, 1, 1), 0, stems),), (block,), True),
+        SplitRoute(("a", "c"), (block,), (block,), True),
+        SplitRoute(("a", "b"), (block,), (block,), False),
+        SplitRoute(("a", "b"), (block, block), (), True),
+    ]
+    assert len({first, *map(fingerprint, others)}) == 1 + len(others)

@@ -171,3 +171,14 @@ def test_poisoned_weights_stop_the_run(make_config: MakeConfig) -> None:
         module.training_step(small_batch(), 0)
     with pytest.raises(DivergedError, match=r"decoder\.output\.weight is not finite"):
         module.require_finite(module.model.state_dict())
+
+
+@pytest.mark.parametrize("has_checkpoint", [True, False])
+def test_a_checkpoint_is_spoken_of_only_where_there_is_one(make_config: MakeConfig, has_checkpoint: bool) -> None:
+    module = BoundModule(
+        small_model("vae"), make_config(), steps_per_epoch=2, first_epoch=3, has_checkpoint=has_checkpoint
+    )
+    module.trainer = small_module(small_model("vae"), make_config()).trainer
+    with pytest.raises(DivergedError) as caught:
+        module.require_finite({"loss": float("nan")})
+    assert ("last good checkpoint stands" in str(caught.value)) is has_checkpoint

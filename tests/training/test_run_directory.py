@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from everplace.errors import CheckpointError, ConfigError
+from everplace.training import run_directory
 from everplace.training.config import CONFIG_FILE, TrainConfig
-from everplace.training.run_directory import leads, prepare_run
+from everplace.training.run_directory import leads, locked, prepare_run, require_usable
 from everplace.training.state import RESUME, RunProgress, save_state
 
 MakeConfig = Callable[..., TrainConfig]
@@ -78,6 +81,66 @@ def test_the_state_comes_back_and_leftovers_of_a_killed_process_go(tmp_path: Pat
     assert state.progress.epoch == 1
     assert not any(leftover.exists() for leftover in leftovers)
     assert (tmp_path / "notes.part.txt").exists()
+
+
+def test_looking_makes_no_directory(tmp_path: Path, make_config: MakeConfig) -> None:
+    require_usable(tmp_path / "run", make_config(), resume=True)
+    assert not (tmp_path / "run").exists()
+
+
+def test_one_process_at_a_time_trains_into_a_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_directory, "_SECONDS_TO_LET_GO", 0.2)
+    out = tmp_path / "deep" / "run"
+    with locked(out):
+        with pytest.raises(ConfigError, match="run is being trained by another process"), locked(out):
+            pass
+        with locked(tmp_path / "another"):
+            pass
+        with monkeypatch.context() as patch:
+            patch.setenv("LOCAL_RANK", "1")
+            with locked(out):
+                pass
+    with locked(out):
+        assert list(out.iterdir()) == []
+
+
+def test_the_lock_ends_with_its_process(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("forkserver")
+    process = context.Process(target=_hold, args=(tmp_path,))
+    process.start()
+    while not (tmp_path / "held").exists():
+        assert process.is_alive()
+    process.kill()
+    process.join()
+    with locked(tmp_path):
+        pass
+
+
+def _hold(out: Path) -> None:
+    with locked(out):
+        (out / "held").touch()
+        time.sleep(60)
+
+
+@pytest.mark.parametrize(
+    ("ranks", "expected"),
+    [
+        ({"RANK": "0", "LOCAL_RANK": "0", "GROUP_RANK": "0"}, True),
+        ({"RANK": "1", "LOCAL_RANK": "1", "GROUP_RANK": "0"}, False),
+        ({"RANK": "2", "LOCAL_RANK": "0", "GROUP_RANK": "1"}, False),
+        ({"SLURM_PROCID": "0", "SLURM_LOCALID": "0"}, True),
+        ({"SLURM_PROCID": "4", "SLURM_LOCALID": "0"}, False),
+        # Lightning starts the second process of an interactive SLURM job by itself.
+        ({"SLURM_PROCID": "0", "LOCAL_RANK": "1"}, False),
+        ({"NODE_RANK": "1"}, False),
+    ],
+)
+def test_the_first_of_all_processes_leads(
+    monkeypatch: pytest.MonkeyPatch, ranks: dict[str, str], expected: bool
+) -> None:
+    for name, rank in ranks.items():
+        monkeypatch.setenv(name, rank)
+    assert leads() is expected
 
 
 @pytest.mark.parametrize(("local", "node", "expected"), [("0", "0", True), ("1", "0", False), ("0", "1", False)])

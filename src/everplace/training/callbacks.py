@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 import warnings
-from dataclasses import replace
 from pathlib import Path
 
 import lightning
@@ -13,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from everplace.model.bounds import Weights
-from everplace.model.checkpoint import save_checkpoint
+from everplace.model.checkpoint import HELD_OUT_STEMS, TRAINED_STEMS, save_checkpoint
 from everplace.training.config import TrainConfig
 from everplace.training.frames import SplitRoute
 from everplace.training.metrics import MetricsTable
@@ -38,13 +37,20 @@ class RunKeeper(lightning.Callback):
     """
 
     def __init__(
-        self, run: Path, config: TrainConfig, split: SplitRoute, progress: RunProgress, save_every: float
+        self,
+        run: Path,
+        config: TrainConfig,
+        split: SplitRoute,
+        images: str,
+        progress: RunProgress,
+        save_every: float,
     ) -> None:
         self.progress = progress
         self.latest: dict[str, float] = {}
         self._run = run
         self._config = config
         self._split = split
+        self._images = images
         self._table: MetricsTable | None = None
         self._save_every = save_every
         self._saved = time.monotonic()
@@ -64,24 +70,28 @@ class RunKeeper(lightning.Callback):
             pl_module.require_finite(measured)
             row |= measured
         self.latest = row
-        self.progress = replace(self.progress, epoch=epoch, seconds=row["seconds"])
+        self.progress = self.progress.model_copy(update={"epoch": epoch, "seconds": row["seconds"]})
         if trainer.is_global_zero:
             self._warn_of_collapse(row)
             self._keep(trainer, pl_module, row)
         self.progress = trainer.strategy.broadcast(self.progress)
+        pl_module.has_checkpoint = self.progress.best_epoch > 0
 
     def _keep(self, trainer: lightning.Trainer, module: BoundModule, row: dict[str, float]) -> None:
         criterion = criterion_name(self._split)
         value = row.get(criterion)
         # At equal recall the later epoch is kept: it has been trained for longer.
         if value is not None and (self.progress.best_value is None or value >= self.progress.best_value):
-            self.progress = replace(self.progress, best_epoch=self.progress.epoch, best_value=value)
+            self.progress = self.progress.model_copy(update={"best_epoch": self.progress.epoch, "best_value": value})
             about = {
                 "recipe": self._config.recipe,
                 "seed": self._config.seed,
                 "epoch": self.progress.epoch,
                 "criterion": criterion,
                 "value": value,
+                "images": self._images,
+                TRAINED_STEMS: self._split.trained_stems,
+                HELD_OUT_STEMS: self._split.held_out_stems,
             }
             save_checkpoint(self._run, module.model, about)
         if self._table is None:
@@ -90,7 +100,7 @@ class RunKeeper(lightning.Callback):
         for logger in trainer.loggers:
             logger.log_metrics(row, step=self.progress.epoch)
         if time.monotonic() - self._saved >= self._save_every:
-            save_state(self._run, self.progress, module.model, trainer.optimizers[0])
+            save_state(self._run, self.progress, module.model, trainer.optimizers[0], self._images)
             self._saved = time.monotonic()
 
     def _warn_of_collapse(self, row: dict[str, float]) -> None:

@@ -8,7 +8,7 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -22,17 +22,17 @@ from torch.utils.data import DataLoader
 from everplace.data.images import usable_cores
 from everplace.data.route import Route
 from everplace.data.selection import Selection, parse_frames, select
-from everplace.errors import CheckpointError, ConfigError, RouteError
+from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.model.architecture import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.progress import Progress, quiet
 from everplace.training.callbacks import RunKeeper, TrainingDisplay
 from everplace.training.config import TrainConfig
-from everplace.training.frames import Batch, EpochOrder, TrainingFrames, split_route
+from everplace.training.frames import Batch, EpochOrder, TrainingFrames, fingerprint, split_route
 from everplace.training.module import BoundModule
-from everplace.training.run_directory import prepare_run
-from everplace.training.state import ResumeState, RunProgress, save_state
+from everplace.training.run_directory import locked, prepare_run, require_same_images, require_usable
+from everplace.training.state import ResumeState, RunProgress, require_fitting, save_state
 from everplace.training.validation import criterion_name
 
 __all__ = ["GRADIENT_NORM", "TrainSummary", "bf16_is_fast", "select_route", "train"]
@@ -99,11 +99,12 @@ def train(
 
     Raises:
         RouteError: The route does not have what the model needs.
-        ConfigError: The configuration is wrong, or `out` holds another run.
+        ConfigError: The configuration is wrong, or `out` holds another run or is in use.
         CheckpointError: What should be resumed is damaged.
         DivergedError: Training met a number that is not finite.
         StorageError: The run directory cannot be written to.
     """
+    require_usable(out, config, resume)
     chosen = select_route(route, config, progress)
     # Said before the frames are decoded, which may take hours.
     _model_config(chosen.conditions, min(map(len, chosen.traverses)), config)
@@ -111,20 +112,22 @@ def train(
     model_config = _model_config(split.conditions, split.places, config)
     frames = TrainingFrames(split, config.augmentation, config.seed)
     _require_devices(devices, nodes, min(config.batch_size, len(frames)))
-    state = prepare_run(out, config, resume)
-    done = state.progress if state is not None else RunProgress()
-    keeper = RunKeeper(out, config, split, done, save_every)
-    if not done.finished:
-        module, order = _module(model_config, config, len(frames), state)
-        logger = _tensorboard(out)
-        trainer = _trainer(config, done, keeper, devices, nodes, logger, show)
-        order.share(trainer.global_rank, trainer.world_size)
-        loader = _loader(frames, order)
-        with _quiet_lightning():
-            _run(trainer, module, loader)
-        if trainer.is_global_zero:
-            save_state(out, replace(keeper.progress, finished=True), None, None)
-    end = keeper.progress
+    images = fingerprint(split, progress)
+    with locked(out):
+        state = prepare_run(out, config, resume)
+        if state is not None:
+            require_same_images(state, images, out, route.root)
+        end = state.progress if state is not None else RunProgress()
+        if not end.finished:
+            keeper = RunKeeper(out, config, split, images, end, save_every)
+            module, order = _module(model_config, config, len(frames), state)
+            trainer = _trainer(config, end, keeper, devices, nodes, _tensorboard(out), show)
+            order.share(trainer.global_rank, trainer.world_size)
+            with _quiet_lightning():
+                _run(trainer, module, _loader(frames, order))
+            end = keeper.progress
+            if trainer.is_global_zero:
+                save_state(out, end.model_copy(update={"finished": True}), None, None, images)
     return TrainSummary(
         str(out), config.model, end.epoch, end.seconds, len(frames), split.places, split.conditions,
         criterion_name(split), end.best_epoch, end.best_value,
@@ -193,12 +196,8 @@ def _module(
         model = ConditionVAE(model_config)
     done = state.progress if state is not None else RunProgress()
     if state is not None:
-        try:
-            model.load_state_dict(state.model)
-        except RuntimeError:
-            raise CheckpointError(
-                "the state to resume from does not fit the model; the route has changed since, so train anew"
-            ) from None
+        require_fitting(state, model)
+        model.load_state_dict(state.model)
     order = EpochOrder(frames, config.batch_size, config.seed, first_epoch=done.epoch)
     module = BoundModule(
         model,
@@ -206,6 +205,7 @@ def _module(
         len(order),
         first_epoch=done.epoch,
         seconds_before=done.seconds,
+        has_checkpoint=done.best_epoch > 0,
         optimizer_state=state.optimizer if state is not None else None,
     )
     return module, order

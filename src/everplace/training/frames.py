@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -21,7 +23,9 @@ from everplace.files import readable
 from everplace.progress import Progress, quiet
 from everplace.training.config import TrainConfig
 
-__all__ = ["Batch", "EpochOrder", "FrameBlock", "TrainingFrames", "split_route"]
+__all__ = ["Batch", "EpochOrder", "FrameBlock", "SplitRoute", "TrainingFrames", "fingerprint", "split_route"]
+
+_FRAMES_A_BLOCK = 256
 
 
 class Batch(NamedTuple):
@@ -40,10 +44,11 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FrameBlock:
-    """Frames of one traverse: pixels N×H×W×C and the index of their condition."""
+    """Frames of one traverse: pixels N×H×W×C, the index of their condition, and their N stems."""
 
     pixels: NDArray[np.uint8]
     condition: int
+    stems: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +72,16 @@ class SplitRoute:
         """Number of training places; 0 if the traverses are not aligned."""
         return len(self.training[0].pixels) if self.aligned else 0
 
+    @property
+    def trained_stems(self) -> tuple[str, ...]:
+        """Stems of the frames in the gradient, each once."""
+        return tuple(dict.fromkeys(stem for block in self.training for stem in block.stems))
+
+    @property
+    def held_out_stems(self) -> tuple[str, ...]:
+        """Stems of the frames that choose the epoch, each once."""
+        return tuple(dict.fromkeys(stem for block in self.held_out for stem in block.stems))
+
 
 def split_route(route: Route, config: TrainConfig, progress: Progress = quiet) -> SplitRoute:
     """Packs the chosen frames and keeps a contiguous block at the end out of the gradient.
@@ -81,7 +96,8 @@ def split_route(route: Route, config: TrainConfig, progress: Progress = quiet) -
     """
     spec = ImageSpec(config.image_size, config.grey)
     conditions = route.conditions
-    training, held_out = [], []
+    training: list[FrameBlock] = []
+    held_out: list[FrameBlock] = []
     for traverse in route.traverses:
         total = len(traverse)
         kept_out = max(2, round(config.held_out * total))
@@ -91,11 +107,25 @@ def split_route(route: Route, config: TrainConfig, progress: Progress = quiet) -
                 f"traverse {readable(traverse.name)} has {total} frames to train on, too few to hold out {kept_out} "
                 f"behind a gap of {config.held_out_gap}; add frames or set held_out and held_out_gap lower"
             )
-        pixels = pack(traverse, spec, progress=progress).pixels
+        packed = pack(traverse, spec, progress=progress)
         condition = conditions.index(traverse.condition)
-        training.append(FrameBlock(pixels[:end], condition))
-        held_out.append(FrameBlock(pixels[total - kept_out :], condition))
+        for blocks, part in ((training, slice(end)), (held_out, slice(total - kept_out, total))):
+            blocks.append(FrameBlock(packed.pixels[part], condition, packed.stems[part]))
     return SplitRoute(conditions, tuple(training), tuple(held_out), route.aligned)
+
+
+def fingerprint(split: SplitRoute, progress: Progress = quiet) -> str:
+    """SHA-256, in hex, of all images and labels that training and the choice of the epoch see.
+
+    Wherever the route lies and whatever its traverses are called, the same images give the same fingerprint.
+    """
+    blocks = (*split.training, *split.held_out)
+    labels = [(block.condition, block.pixels.shape, block.stems) for block in blocks]
+    digest = hashlib.sha256(json.dumps([split.conditions, split.aligned, len(split.training), labels]).encode())
+    parts = [(block, start) for block in blocks for start in range(0, len(block.pixels), _FRAMES_A_BLOCK)]
+    for block, start in progress(parts, "fingerprint of the images", len(parts)):
+        digest.update(np.ascontiguousarray(block.pixels[start : start + _FRAMES_A_BLOCK]).data)
+    return digest.hexdigest()
 
 
 class TrainingFrames(Dataset[Batch]):

@@ -22,17 +22,16 @@ from everplace.model.bounds import (
     gaussian_log_likelihood,
     label_log_likelihood,
     optimal_log_sigma,
+    soft_clipped_log_sigma,
     soft_place_targets,
     vae_bound,
 )
 from everplace.model.images import to_input
+from everplace.model.posterior import ACTIVE_ABOVE
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch
 
-__all__ = ["ACTIVE_ABOVE", "BoundModule", "bound_terms", "step_noise"]
-
-ACTIVE_ABOVE = 0.01
-"""A latent dimension whose mean KL divergence is above this, in nats, is counted as active."""
+__all__ = ["BoundModule", "bound_terms", "step_noise"]
 
 _WARMUP = 0.03  # of the whole run
 
@@ -90,6 +89,7 @@ class BoundModule(lightning.LightningModule):
         config: The run's configuration.
         first_epoch: Epochs that were done before this process started.
         seconds_before: Training seconds of earlier processes of this run.
+        has_checkpoint: Whether the run directory holds a checkpoint of this run.
     """
 
     def __init__(
@@ -100,6 +100,7 @@ class BoundModule(lightning.LightningModule):
         *,
         first_epoch: int = 0,
         seconds_before: float = 0.0,
+        has_checkpoint: bool = False,
         optimizer_state: dict[int, dict[str, Tensor]] | None = None,
     ) -> None:
         super().__init__()
@@ -107,6 +108,7 @@ class BoundModule(lightning.LightningModule):
         self.config = config
         self.first_epoch = first_epoch
         self.seconds_before = seconds_before
+        self.has_checkpoint = has_checkpoint
         self._steps_per_epoch = steps_per_epoch
         self._optimizer_state = optimizer_state
         self._started = time.monotonic()
@@ -203,7 +205,7 @@ class BoundModule(lightning.LightningModule):
         """
         wrong = [name for name, value in values.items() if not torch.isfinite(torch.as_tensor(value)).all()]
         if wrong:
-            kept = "the last good checkpoint stands; " if self.epoch else ""
+            kept = "the last good checkpoint stands; " if self.has_checkpoint else ""
             raise DivergedError(
                 f"training diverged in epoch {self.epoch + 1}: {wrong[0]} is not finite; {kept}"
                 "try a lower learning_rate or smaller weights"
@@ -220,7 +222,7 @@ class BoundModule(lightning.LightningModule):
         row["active_place"] = float((self.model.split.z_p(kl) > ACTIVE_ABOVE).sum())
         row["active_condition"] = float((self.model.split.z_c(kl) > ACTIVE_ABOVE).sum())
         # The sigma that training reached is fixed from here on: a bound is only ever evaluated with it.
-        self.model.log_sigma.copy_(0.5 * torch.log(means["square"] + 1e-12))
+        self.model.log_sigma.copy_(soft_clipped_log_sigma(means["square"]))
         row["sigma"] = float(self.model.log_sigma.exp())
         row["learning_rate"] = float(self.trainer.optimizers[0].param_groups[0]["lr"])
         return row

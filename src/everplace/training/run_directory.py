@@ -3,23 +3,78 @@
 from __future__ import annotations
 
 import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from pydantic import ValidationError
 
-from everplace.errors import CheckpointError, ConfigError
+from everplace.errors import CheckpointError, ConfigError, StorageError
 from everplace.files import readable
 from everplace.model.checkpoint import CHECKPOINT_NAME
 from everplace.model.tensor_file import has_tensors
 from everplace.training.config import CONFIG_FILE, TrainConfig, read_toml, write_config
 from everplace.training.state import RESUME, ResumeState, load_state
 
-__all__ = ["leads", "prepare_run"]
+if sys.platform != "win32":
+    import fcntl
+
+__all__ = ["leads", "locked", "prepare_run", "require_same_images", "require_usable"]
+
+_RANKS = ("RANK", "SLURM_PROCID", "JSM_NAMESPACE_RANK", "GROUP_RANK", "NODE_RANK", "LOCAL_RANK")
+_SECONDS_TO_LET_GO = 10.0
 
 
 def leads() -> bool:
-    """Whether this process writes the run: with several devices, the first one on the first machine."""
-    return int(os.environ.get("LOCAL_RANK", "0")) == 0 and int(os.environ.get("NODE_RANK", "0")) == 0
+    """Whether this process writes the run: with several devices, the first one on the first machine.
+
+    Whoever starts the processes (torchrun, SLURM, LSF, Lightning itself) sets some of the ranks, which are all 0 in
+    the first process alone.
+    """
+    return all(int(os.environ.get(name) or 0) == 0 for name in _RANKS)
+
+
+@contextmanager
+def locked(out: Path) -> Iterator[None]:
+    """Keeps other processes from training into a run directory, which is made if missing.
+
+    The system lets go of the lock when the process ends, however it ends. Windows has no such locks.
+
+    Raises:
+        ConfigError: Another process trains into it.
+        StorageError: The directory cannot be made.
+    """
+    if sys.platform == "win32" or not leads():
+        yield
+        return
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(out, os.O_RDONLY)
+    except OSError as error:
+        raise StorageError(f"cannot write {readable(out)}: {error.strerror}; choose another place") from error
+    try:
+        _lock(descriptor, out)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def require_usable(out: Path, config: TrainConfig, resume: bool) -> None:
+    """Makes sure that a run may be written to `out`, which is left as it is.
+
+    Raises:
+        ConfigError: `out` is a file, or holds another run.
+        CheckpointError: The configuration of what should be resumed is damaged.
+    """
+    began = (out / CONFIG_FILE).is_file() or has_tensors(out, CHECKPOINT_NAME)
+    if out.exists() and not out.is_dir():
+        raise ConfigError(f"--out {readable(out)} is a file; name a directory for the run")
+    if began and not resume and leads():
+        raise ConfigError(f"--out {readable(out)} already holds a run; add --resume to continue it, or name another")
+    if resume and (out / CONFIG_FILE).is_file():
+        _require_same(out, config)
 
 
 def prepare_run(out: Path, config: TrainConfig, resume: bool) -> ResumeState | None:
@@ -38,18 +93,53 @@ def prepare_run(out: Path, config: TrainConfig, resume: bool) -> ResumeState | N
         CheckpointError: What should be resumed is damaged.
         StorageError: The directory cannot be written to.
     """
-    began = (out / CONFIG_FILE).is_file() or has_tensors(out, CHECKPOINT_NAME)
-    if out.exists() and not out.is_dir():
-        raise ConfigError(f"--out {readable(out)} is a file; name a directory for the run")
-    if began and not resume and leads():
-        raise ConfigError(f"--out {readable(out)} already holds a run; add --resume to continue it, or name another")
-    if began and resume and (out / CONFIG_FILE).is_file():
-        _require_same(out, config)
+    require_usable(out, config, resume)
     state = load_state(out) if resume else None
     if leads():
         _remove_leftovers(out)
         write_config(out, config)
     return state
+
+
+def require_same_images(state: ResumeState, images: str, out: Path, route: Path) -> None:
+    """Makes sure that what is continued, or is finished, was trained on these images.
+
+    Args:
+        state: Where the run stands; a state that does not know its images is let pass.
+        images: Fingerprint of the images to train on (`frames.fingerprint`).
+        out: The run directory.
+        route: Where the images are from.
+
+    Raises:
+        ConfigError: They are others.
+    """
+    if state.images and state.images != images:
+        raise ConfigError(
+            f"--out {readable(out)} was trained on other images than {readable(route)}; name another directory, or "
+            "restore the images"
+        )
+
+
+def _lock(descriptor: int, out: Path) -> None:
+    # The loader's workers share the lock, and outlive a process that was killed by some seconds.
+    end = time.monotonic() + _SECONDS_TO_LET_GO
+    while not _take(descriptor):
+        if time.monotonic() >= end:
+            raise ConfigError(
+                f"--out {readable(out)} is being trained by another process; wait for it to end, or name another"
+            )
+        time.sleep(0.1)
+
+
+def _take(descriptor: int) -> bool:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        # Not every file system has locks; a run must not depend on them.
+        return True
+    return True
 
 
 def _require_same(out: Path, config: TrainConfig) -> None:
