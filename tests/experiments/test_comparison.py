@@ -9,8 +9,9 @@ import pytest
 
 from everplace.data.route import open_route
 from everplace.data.selection import Selection, parse_frames
+from everplace.describe import methods
 from everplace.describe.registry import open_describer
-from everplace.errors import ConfigError, RouteError
+from everplace.errors import ConfigError, MethodError, RouteError
 from everplace.experiments.comparison import compare_methods, fit_and_open, write_comparison
 from everplace.experiments.retrieval import Matching, Truth
 
@@ -40,17 +41,37 @@ def test_one_traverse_is_no_comparison(tiny_route: Path) -> None:
         compare_methods(route, {"hog": open_describer("hog")}, truth=Truth(), matching=Matching())
 
 
-def test_a_method_that_cannot_run_is_left_out_with_its_reason(tiny_route: Path, tmp_path: Path) -> None:
+@pytest.fixture
+def weightless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A method whose weights are absent, added as methods are: by one file."""
+    (tmp_path / "methods").mkdir()
+    (tmp_path / "methods" / "weightless.py").write_text(
+        "from everplace.errors import MethodError\n"
+        "def open_method(argument):\n"
+        "    raise MethodError('weightless needs weights.pth; fetch it first')\n"
+    )
+    monkeypatch.setattr(methods, "__path__", [*methods.__path__, str(tmp_path / "methods")])
+    return "weightless"
+
+
+def test_a_method_that_cannot_run_is_left_out_with_its_reason(
+    tiny_route: Path, tmp_path: Path, weightless: str
+) -> None:
     _, describers, left_out = fit_and_open(
-        open_route(tiny_route), ["hog", "nonesuch"], Selection(), "", tmp_path / "out", settings={}
+        open_route(tiny_route), ["hog", weightless], Selection(), "", tmp_path / "out", settings={}
     )
     assert list(describers) == ["hog"]
-    assert "nonesuch" in left_out["nonesuch"]
+    assert left_out == {"weightless": "weightless needs weights.pth; fetch it first"}
 
 
-def test_methods_none_of_which_can_run_are_an_error(tiny_route: Path, tmp_path: Path) -> None:
+def test_methods_none_of_which_can_run_are_an_error(tiny_route: Path, tmp_path: Path, weightless: str) -> None:
     with pytest.raises(ConfigError, match="none of them"):
-        fit_and_open(open_route(tiny_route), ["nonesuch"], Selection(), "", tmp_path / "out", settings={})
+        fit_and_open(open_route(tiny_route), [weightless], Selection(), "", tmp_path / "out", settings={})
+
+
+def test_a_misspelt_method_is_an_error(tiny_route: Path, tmp_path: Path) -> None:
+    with pytest.raises(MethodError, match="nonesuch"):
+        fit_and_open(open_route(tiny_route), ["hog", "nonesuch"], Selection(), "", tmp_path / "out", settings={})
 
 
 @pytest.mark.parametrize(("fit", "test", "says"), [("", "6:", "--fit-frames"), ("0:8", "6:", "share 2 places")])

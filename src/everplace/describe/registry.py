@@ -11,7 +11,7 @@ from everplace.describe.protocol import Describer
 from everplace.errors import MethodError
 from everplace.files import readable
 
-__all__ = ["exists", "method_names", "open_describer"]
+__all__ = ["method_names", "open_describer"]
 
 _RUN_METHOD = "vae"  # opens run directories; has no name of its own, since a trained model is given by its directory
 
@@ -20,11 +20,6 @@ def method_names() -> list[str]:
     """Returns the names of all methods that can be opened by name, sorted."""
     found = (module.name for module in pkgutil.iter_modules(methods.__path__))
     return sorted(name for name in found if not name.startswith("_") and name != _RUN_METHOD)
-
-
-def exists(method: str) -> bool:
-    """Whether a method of that name, or a directory, exists; it may still be unable to run here."""
-    return method.partition(":")[0] in method_names() or os.path.isdir(method)  # noqa: PTH112
 
 
 def open_describer(method: str) -> Describer:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
@@ -15,14 +15,15 @@ from everplace.data.route import Route
 from everplace.data.selection import Selection, parse_frames, select
 from everplace.describe.descriptors import Descriptors
 from everplace.describe.methods.vae import VAEDescriber
+from everplace.describe.pipeline import time_describer
 from everplace.describe.protocol import Describer
-from everplace.describe.registry import open_describer
+from everplace.describe.registry import method_names, open_describer
 from everplace.errors import ConfigError, MethodError, RouteError
 from everplace.evaluate.audit import Audit
 from everplace.experiments.evaluation import audit_pair, audit_section, model_section
 from everplace.experiments.pictures import match_figure, matrix_figure
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, retrieve, true_matches
-from everplace.files import write_text
+from everplace.files import readable, write_text
 from everplace.model.config import MODEL_KINDS
 from everplace.plots.canvas import new_figure, save_figure
 from everplace.plots.curves import draw_precision_recall_panels
@@ -134,25 +135,69 @@ def fit_and_open(
     Raises:
         ConfigError: A model is to be fitted without --fit-frames, or on tested places; or no method can run.
     """
+    if not methods:
+        raise ConfigError("--methods names no method; give run directories, sad, hog, ..., separated by commas")
+    if fit_frames:
+        parse_frames(fit_frames)
     tested = select(route, selection, progress)
     fitted = [method for method in methods if method in MODEL_KINDS]
     if fitted:
         _require_apart(select(route, replace(selection, frames=None), progress), selection.frames, fit_frames, fitted)
-    length = {} if "minutes" in settings else {"epochs": DEFAULT_EPOCHS}
     describers: dict[str, Describer] = {}
     left_out: dict[str, str] = {}
-    for method in methods:
-        run = out / "runs" / method
+    opened: dict[str, Describer] = {}
+    for method in methods:  # before anything is fitted, which takes long
         if method in fitted:
-            config = TrainConfig.build(**{**length, **settings, "model": method, "frames": fit_frames})
-            train(route, config, run, resume=True, progress=progress, show=True)
+            continue
         try:
-            describers[method] = open_describer(str(run) if method in fitted else method)
+            opened[method] = open_describer(method)
         except MethodError as error:
+            if method.partition(":")[0] not in method_names():
+                raise
             left_out[method] = str(error)
+    for method in methods:
+        if method in fitted:
+            describers[method] = fit(route, {**settings, "model": method, "frames": fit_frames}, out, progress)
+        elif method in opened:
+            describers[_label(method, describers)] = opened[method]
     if not describers:
         raise ConfigError(f"--methods {','.join(methods)}: none of them can run: {'; '.join(left_out.values())}")
     return tested, describers, left_out
+
+
+def fit(route: Route, settings: Mapping[str, Any], out: Path, progress: Progress = quiet) -> Describer:
+    """Trains a model into `out`/runs, or goes on where an earlier call with the same settings stood.
+
+    Args:
+        route: The route to train on.
+        settings: Values of `TrainConfig`.
+        out: The directory of the study.
+        progress: Told of decoding.
+
+    Raises:
+        ConfigError: A setting is wrong, or an earlier call used others.
+    """
+    run = out / "runs" / str(settings["model"])
+    length = {} if {"minutes", "epochs"} & set(settings) else {"epochs": DEFAULT_EPOCHS}
+    config = TrainConfig.build(**{**length, **settings})
+    try:
+        train(route, config, run, resume=True, progress=progress, show=True)
+    except ConfigError as error:
+        if not run.exists():
+            raise
+        raise ConfigError(
+            f"{readable(out)} holds a study with other settings; name another --out, or remove it ({error})"
+        ) from None
+    return open_describer(str(run))
+
+
+def _label(method: str, taken: Collection[str]) -> str:
+    """A short name for the tables: of a run directory its last part, made unique."""
+    name = Path(method).name if Path(method).is_dir() else method
+    label, number = name, 2
+    while label in taken:
+        label, number = f"{name}-{number}", number + 1
+    return label
 
 
 def _require_apart(route: Route, frames: slice | None, fit_frames: str, fitted: Sequence[str]) -> None:
@@ -194,12 +239,21 @@ def compare_methods(
         raise RouteError(f"a comparison needs two traverses, but {route.name} has one; add another or choose both")
     results: dict[tuple[str, str], dict[str, Retrieval]] = {}
     described: dict[str, dict[str, Descriptors]] = {label: {} for label in describers}
+    timed = {label: time_describer(one, route.traverses[0].paths) for label, one in describers.items()}
     resolved = truth
     for query, database in permutations(route.traverses, 2):
         pair = Pair(query, database)
         matches, resolved = true_matches(route, pair, truth)
         results[query.name, database.name] = {
-            label: retrieve(describer, pair, matches, matching, described=described[label], progress=progress)
+            label: retrieve(
+                describer,
+                pair,
+                matches,
+                matching,
+                described=described[label],
+                ms_per_image=timed[label],
+                progress=progress,
+            )
             for label, describer in describers.items()
         }
     audits = {label: audit_pair(describer, route, resolved, progress) for label, describer in describers.items()}
@@ -226,8 +280,7 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
         audit_section(report.section("Leakage audit"), comparison.audits)
     for label, describer in comparison.describers.items():
         if isinstance(describer, VAEDescriber) and route.aligned:
-            (out / label).mkdir(parents=True, exist_ok=True)
-            model_section(report.section(f"What the latent of {label} holds"), describer, route, out / label)
+            model_section(report.section(f"What the latent of {label} holds"), describer, route, out, f"{label}-")
     panels = {
         pair: {label: one.curve for label, one in results.items()} for pair, results in comparison.results.items()
     }

@@ -13,14 +13,13 @@ from everplace.data.route import open_route
 from everplace.data.selection import Selection, parse_frames, select
 from everplace.describe.protocol import Describer
 from everplace.describe.registry import open_describer
-from everplace.experiments.comparison import compare_methods, write_comparison
+from everplace.experiments.comparison import compare_methods, fit, write_comparison
 from everplace.experiments.retrieval import Matching, Truth
+from everplace.model.checkpoint import load_checkpoint
 from everplace.model.config import ModelKind
 from everplace.plots.canvas import new_figure
 from everplace.plots.training import draw_training
 from everplace.progress import Progress, quiet
-from everplace.training.config import TrainConfig
-from everplace.training.fit import train
 from everplace.training.metrics import read_metrics
 
 __all__ = ["DemoSettings", "run_demo"]
@@ -55,7 +54,6 @@ def run_demo(
     *,
     details: dict[str, str],
     progress: Progress = quiet,
-    show: bool = False,
 ) -> dict[str, Any]:
     """Renders a route in summer and winter, trains C-VAE and CP-VAE, and compares them with SAD and HOG.
 
@@ -64,7 +62,6 @@ def run_demo(
         settings: How large it is.
         details: Command and version, for the head of the report.
         progress: Told of rendering and describing.
-        show: Show the training on stderr.
 
     Returns:
         The content of metrics.json.
@@ -85,13 +82,15 @@ def run_demo(
     chosen = {}
     for kind in MODELS:
         run = out / "runs" / kind
-        config = TrainConfig.build(
-            model=kind, frames=settings.trained, image_size=settings.seen, epochs=settings.epochs
-        )
-        summary = train(route, config, run, resume=True, progress=progress, show=show)
-        describers[kind] = open_describer(str(run))
+        wanted = {
+            "model": kind,
+            "frames": settings.trained,
+            "image_size": settings.seen,
+            "epochs": settings.epochs,
+        }
+        describers[kind] = fit(route, wanted, out, progress)
         curves[kind] = read_metrics(run)
-        chosen[kind] = summary.best_epoch
+        chosen[kind] = load_checkpoint(run).about["epoch"]
     describers |= {name: open_describer(name) for name in ("sad", "hog")}
     tested = select(route, Selection(parse_frames(settings.tested)), progress)
     comparison = compare_methods(tested, describers, truth=Truth(), matching=Matching(), progress=progress)

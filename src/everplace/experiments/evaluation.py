@@ -13,8 +13,9 @@ from everplace.data.pack import pack
 from everplace.data.route import Route
 from everplace.data.selection import Selection
 from everplace.describe.methods.vae import VAEDescriber
+from everplace.describe.protocol import Describer
 from everplace.describe.registry import open_describer
-from everplace.evaluate.audit import Audit, audit
+from everplace.evaluate.audit import Audit, Probe, audit
 from everplace.experiments.pictures import constant_figure, match_figure, matrix_figure, swap_figure
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, choose_pair, retrieve, true_matches
 from everplace.files import write_text
@@ -30,6 +31,7 @@ __all__ = [
     "evaluate_method",
     "model_section",
     "score_facts",
+    "seen_places",
     "write_evaluation",
 ]
 
@@ -46,6 +48,7 @@ class Evaluation:
         result: Scores, curve and similarity.
         audit: The leakage audit; None unless the method is of the VAE family and the traverses are aligned.
         describer: The method.
+        trained_places: Tested stems that the model was trained on or chosen by.
     """
 
     route: Route
@@ -54,7 +57,8 @@ class Evaluation:
     matching: Matching
     result: Retrieval
     audit: Audit | None
-    describer: object
+    describer: Describer
+    trained_places: int = 0
 
     def metrics(self) -> dict[str, Any]:
         """The content of metrics.json."""
@@ -70,6 +74,7 @@ class Evaluation:
             "sequence": self.matching.sequence,
             "dimension": self.result.dimension,
             "ms_per_image": round(self.result.ms_per_image, 4),
+            "trained_places_tested": self.trained_places,
             **({"audit": self.audit.to_dict()} if self.audit is not None else {}),
         }
 
@@ -98,17 +103,31 @@ def evaluate_method(
     matches, truth = true_matches(chosen, pair, truth)
     result = retrieve(describer, pair, matches, matching, progress=progress)
     audited = audit_pair(describer, chosen, truth, progress)
-    return Evaluation(chosen, pair, truth, matching, result, audited, describer)
+    seen = seen_places(describer, chosen)
+    return Evaluation(chosen, pair, truth, matching, result, audited, describer, seen)
 
 
-def audit_pair(describer: object, route: Route, truth: Truth, progress: Progress = quiet) -> Audit | None:
+def seen_places(describer: Describer, route: Route) -> int:
+    """How many of a route's stems a model was trained on or chosen by: the scores are no test of these."""
+    if not isinstance(describer, VAEDescriber):
+        return 0
+    stems = {stem for traverse in route.traverses for stem in traverse.stems}
+    return len(stems & describer.checkpoint.seen_stems)
+
+
+def audit_pair(describer: Describer, route: Route, truth: Truth, progress: Progress = quiet) -> Audit | None:
     """The leakage audit on all traverses of a route; None where it has no meaning."""
     few = len(route.traverses) < 2 or len(route.traverses[0]) < 4
     if not isinstance(describer, VAEDescriber) or not route.aligned or few:
         return None
     spec: ImageSpec = describer.image
     pixels = [pack(traverse, spec, progress=progress).pixels for traverse in route.traverses]
-    return audit(describer.checkpoint.model, pixels, truth.tolerance if truth.tolerance is not None else 1)
+    return audit(
+        describer.checkpoint.model,
+        pixels,
+        truth.tolerance if truth.tolerance is not None else 1,
+        conditions=[traverse.condition for traverse in route.traverses],
+    )
 
 
 def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, str]) -> None:
@@ -127,6 +146,11 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
         title, subtitle=f"{evaluation.route.name}, {evaluation.truth}, {evaluation.matching}", details=details
     )
     section = report.section("Scores")
+    if evaluation.trained_places:
+        section.paragraph(
+            f"{evaluation.trained_places} of these places carry the names of places that the model was trained on or "
+            "chosen by: if it is the same route, the scores say how well it remembers them, not how well it recognises."
+        )
     section.facts(score_facts(result))
     section.chart(
         precision_recall_figure({result.method: result.curve}, areas={result.method: result.scores.auc_pr}),
@@ -164,21 +188,21 @@ def score_facts(result: Retrieval) -> dict[str, float | int]:
 def audit_section(section: Section, audits: dict[str, Audit]) -> None:
     """The leakage audit of one or more models, as a table that says what is wanted."""
     section.paragraph(
-        "Measured on frames that were not trained on. Wanted: the condition cannot be predicted from z_p (chance) but "
+        "Measured on the tested frames. Wanted: the condition cannot be predicted from z_p (chance) but "
         "from z_c; retrieval works by z_p and not by z_c; the swap error is below both of its baselines."
     )
-    measures: dict[str, Callable[[Audit], float | str]] = {
-        "condition from z_p, linear / MLP probe": lambda a: _two(a.condition_from_z_p.linear, a.condition_from_z_p.mlp),
-        "condition from z_c, linear / MLP probe": lambda a: _two(a.condition_from_z_c.linear, a.condition_from_z_c.mlp),
-        "chance": lambda a: a.condition_from_z_p.chance,
+    measures: dict[str, Callable[[Audit], float | str | None]] = {
+        "condition from z_p, linear / MLP probe": lambda a: _probe(a.condition_from_z_p),
+        "condition from z_c, linear / MLP probe": lambda a: _probe(a.condition_from_z_c),
+        "chance": lambda a: a.condition_from_z_p.chance if a.condition_from_z_p else None,
         "recall@1 by z_p": lambda a: a.recall_at_1["z_p"],
         "recall@1 by z_c": lambda a: a.recall_at_1["z_c"],
         "recall@1 by z": lambda a: a.recall_at_1["z"],
-        "swap error, mean z_c": lambda a: a.swap.mean_z_c,
-        "swap error, z_c of the same place": lambda a: a.swap.same_place_z_c,
-        "swap error, z_c of another place": lambda a: a.swap.other_place_z_c,
-        "baseline: the frame unchanged": lambda a: a.swap.unchanged,
-        "baseline: the mean image": lambda a: a.swap.mean_image,
+        "swap error, mean z_c": lambda a: a.swap.mean_z_c if a.swap else None,
+        "swap error, z_c of the same place": lambda a: a.swap.same_place_z_c if a.swap else None,
+        "swap error, z_c of another place": lambda a: a.swap.other_place_z_c if a.swap else None,
+        "baseline: the frame unchanged": lambda a: a.swap.unchanged if a.swap else None,
+        "baseline: the mean image": lambda a: a.swap.mean_image if a.swap else None,
         "active dimensions of z_p / z_c": lambda a: f"{a.active_dimensions['z_p']} / {a.active_dimensions['z_c']}",
         "KL of z_p / z_c (nats)": lambda a: f"{a.kl['z_p']:.1f} / {a.kl['z_c']:.1f}",
     }
@@ -186,15 +210,15 @@ def audit_section(section: Section, audits: dict[str, Audit]) -> None:
     section.table(["measure", *audits], rows, digits=4)
 
 
-def model_section(section: Section, describer: VAEDescriber, route: Route, out: Path) -> None:
-    """Figures 6 to 9 of the paper for a model and a route."""
+def model_section(section: Section, describer: VAEDescriber, route: Route, out: Path, prefix: str = "") -> None:
+    """Figures 6 to 9 of the paper for a model and a route; the pictures also go into `out`."""
     model = describer.checkpoint.model
     swap, constant = swap_figure(model, route), constant_figure(model, route)
-    save_figure(swap, out / "swap.png")
-    save_figure(constant, out / "constant.png")
+    save_figure(swap, out / f"{prefix}swap.png")
+    save_figure(constant, out / f"{prefix}constant.png")
     section.figure(swap, alt="Images decoded from z_p of one frame and z_c of another.", caption="As Figures 6 and 7.")
     section.figure(constant, alt="Images decoded with one constant z_c.", caption="As Figures 8 and 9.")
 
 
-def _two(first: float, second: float) -> str:
-    return f"{first:.3f} / {second:.3f}"
+def _probe(probe: Probe | None) -> str | None:
+    return None if probe is None else f"{probe.linear:.3f} / {probe.mlp:.3f}"

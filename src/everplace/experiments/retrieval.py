@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +19,10 @@ from everplace.evaluate.scores import PrecisionRecall, Scores, evaluate, precisi
 from everplace.match.search import compared
 from everplace.match.sequence import average_sequences
 from everplace.match.similarity import similarity
+from everplace.match.standardise import Standardisation
 from everplace.progress import Progress, quiet
 
 __all__ = ["Matching", "Pair", "Retrieval", "Truth", "choose_pair", "retrieve", "true_matches"]
-
-Standardisation = Literal["centre", "full"]
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,7 @@ def choose_pair(
         RouteError: A condition does not exist, or nothing is left.
     """
     names = [route[query].name, route[database].name]
-    chosen = select(route.choose(list(dict.fromkeys(names))), selection, progress)
+    chosen = select(route.only(list(dict.fromkeys(names))), selection, progress)
     return chosen, Pair(chosen[names[0]], chosen[names[1]])
 
 
@@ -133,6 +131,7 @@ def retrieve(
     matching: Matching,
     *,
     described: dict[str, Descriptors] | None = None,
+    ms_per_image: float | None = None,
     progress: Progress = quiet,
 ) -> Retrieval:
     """Describes both traverses, matches them and scores the result.
@@ -143,6 +142,7 @@ def retrieve(
         truth: M×N.
         matching: Options of the match.
         described: Descriptors by traverse name that were made before; new ones are added.
+        ms_per_image: What was measured before; None: measure.
         progress: Told of the describing.
     """
     described = {} if described is None else described
@@ -160,5 +160,5 @@ def retrieve(
         scores=evaluate(S, truth),
         curve=precision_recall(S, truth),
         dimension=describer.dimension,
-        ms_per_image=time_describer(describer, pair.query.paths),
+        ms_per_image=time_describer(describer, pair.query.paths) if ms_per_image is None else ms_per_image,
     )

@@ -182,7 +182,7 @@ class PlaceHead(nn.Module):
             z_p: (B, D), the frames' posterior means.
             places: (B,), their places; a place may occur more than once.
         """
-        seen, position = places.unique(return_inverse=True)
+        seen, position = torch.unique(places, return_inverse=True)
         sums = z_p.new_zeros(len(seen), z_p.shape[1]).index_add_(0, position, functional.normalize(z_p, dim=1))
         mean = functional.normalize(sums, dim=1)
         moved = self.KEPT * self.places[seen] + (1.0 - self.KEPT) * mean

@@ -151,8 +151,8 @@ def recipe(model: str, name: str) -> dict[str, Any]:
     defaults: dict[str, Any] = {
         "recipe": name,
         "batch_size": 64,
-        "weight_decay": 0.3,
-        "augmentation": {"shift": 0.03, "crop": 0.04, "brightness": 0.2, "contrast": 0.5, "blur": 1.0},
+        "weight_decay": 0.1,
+        "augmentation": {"shift": 0.02, "crop": 0.03, "brightness": 0.18, "contrast": 0.35},
     }
     if model == "c-vae":
         defaults["weights"] = {"condition": 100.0}

@@ -195,6 +195,7 @@ class BoundModule(lightning.LightningModule):
         if not torch.isfinite(loss):
             self.require_finite({**terms, "loss": loss})
         self._remember(terms, images, output)
+        self._follow_places(output, batch.places)
         return loss
 
     def require_finite(self, values: Mapping[str, Tensor | float]) -> None:
@@ -234,6 +235,17 @@ class BoundModule(lightning.LightningModule):
             self._sums["square"] = self._sums["square"] + (images - output.reconstruction).square().mean()
             self._sums["kl_dimensions"] = self._sums["kl_dimensions"] + output.posterior.kl().mean(0)
         self._steps += 1
+
+    def _follow_places(self, output: Output, places: Tensor) -> None:
+        """Moves the place vectors; with several devices by the frames of all, so that the vectors stay the same."""
+        head = self.model.place_head
+        if head is None:
+            return
+        z_p = self.model.split.z_p(output.posterior.mean.detach())
+        if self.trainer.world_size > 1:
+            gathered: Any = self.all_gather((z_p, places))
+            z_p, places = (part.flatten(0, 1) for part in gathered)
+        head.follow(z_p, places)
 
     def _place_target(self, batch: Batch) -> Tensor | None:
         if self.model.place_head is None:
