@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TypeVar
@@ -86,6 +90,54 @@ def test_a_run_that_is_stopped_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         render_route(tmp_path / "route", SMALL, progress=stop)
     assert not list(tmp_path.iterdir())
+
+
+STARTING = """
+import os, sys, time
+from pathlib import Path
+
+if __name__ == "__main__":
+    from everplace.data.render.config import RenderConfig
+    from everplace.data.render.route import render_route
+
+    config = RenderConfig(places=64, size=(24, 40), conditions=("winter",), seed=9)
+    try:
+        render_route(Path(sys.argv[1]) / "route", config, workers=2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+else:  # a worker, which has not come to its initializer yet
+    os.write(1, b"starting\\n")
+    time.sleep(1)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent in another way")
+def test_ctrl_c_while_workers_start_is_answered_once(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(STARTING)
+    out = tmp_path / "out"
+    out.mkdir()
+    command = [sys.executable, str(tmp_path / "script.py"), str(out)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, start_new_session=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "starting\n"
+        os.killpg(process.pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (130, "")
+    assert not list(out.iterdir())
+
+
+def test_ctrl_c_works_again_once_workers_are_there(tmp_path: Path) -> None:
+    before = signal.getsignal(signal.SIGINT)
+    seen = []
+
+    def look(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
+        for item in items:
+            seen.append(signal.getsignal(signal.SIGINT))
+            yield item
+
+    render_route(tmp_path / "route", SMALL, progress=look, workers=2)
+    assert set(seen) == {before}
 
 
 def test_an_empty_directory_is_filled_and_progress_counts_every_frame(tmp_path: Path) -> None:

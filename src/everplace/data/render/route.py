@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import threading
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
@@ -136,6 +137,20 @@ def _pool(workers: int) -> Iterator[Executor | None]:
         pool.shutdown(cancel_futures=True)
 
 
+@contextlib.contextmanager
+def _sigint_ignored() -> Iterator[None]:
+    """Ignores Ctrl-C for a moment: a process that starts meanwhile ignores it from its first instruction on."""
+    previous = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or previous is None:
+        yield
+        return
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous)
+
+
 def _frames(
     drive: Drive, poses: Sequence[Pose], size: tuple[int, int], pool: Executor | None
 ) -> Iterator[NDArray[np.uint8]]:
@@ -147,7 +162,8 @@ def _frames(
     drive.nursery.grow_all()  # once here rather than in every batch
     waiting: deque[Future[list[NDArray[np.uint8]]]] = deque()
     for first in range(0, len(poses), _BATCH):
-        waiting.append(pool.submit(_render, drive, poses[first : first + _BATCH], size))
+        with _sigint_ignored():  # handing over work may start a worker
+            waiting.append(pool.submit(_render, drive, poses[first : first + _BATCH], size))
         if len(waiting) > _AHEAD:
             yield from waiting.popleft().result()
     for future in waiting:
