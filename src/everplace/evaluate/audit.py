@@ -30,11 +30,11 @@ from everplace.evaluate.scores import evaluate
 from everplace.match.similarity import similarity
 from everplace.model.architecture import ConditionVAE
 from everplace.model.images import to_input
+from everplace.model.posterior import ACTIVE_ABOVE
 
 __all__ = ["Audit", "Latents", "Probe", "SwapError", "audit", "encode_frames"]
 
 _BATCH = 64
-_ACTIVE_ABOVE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,8 +170,8 @@ def audit(
         recall_at_1={name: _recall(blocks, tolerance) for name, blocks in z.items()},
         swap=_swap_error(model, frames, latents, conditions),
         active_dimensions={
-            "z_p": int((kl_place > _ACTIVE_ABOVE).sum()),
-            "z_c": int((kl_condition > _ACTIVE_ABOVE).sum()),
+            "z_p": int((kl_place > ACTIVE_ABOVE).sum()),
+            "z_c": int((kl_condition > ACTIVE_ABOVE).sum()),
         },
         kl={"z_p": float(kl_place.sum()), "z_c": float(kl_condition.sum())},
     )
