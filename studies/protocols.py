@@ -31,9 +31,6 @@ class Protocol:
     settings: dict[str, Any] = field(default_factory=dict)
 
 
-VIEWPOINT = {"shift": 0.06, "crop": 0.1}
-"""Augmentation where the camera is carried by hand: set beforehand, not tuned."""
-
 PROTOCOLS = {
     "nordland64": Protocol(
         route="nordland64",
@@ -43,7 +40,7 @@ PROTOCOLS = {
         test_frames="1620:",
         tolerance=1,
         filtered=True,
-        settings={"image_size": (32, 64), "grey": True, "epochs": 12},
+        settings={"image_size": (32, 64), "grey": True, "epochs": 10},
     ),
     "gardens_point": Protocol(
         route="gardens_point",
@@ -53,7 +50,7 @@ PROTOCOLS = {
         test_frames="100:140",
         tolerance=3,
         filtered=False,
-        settings={"image_size": (64, 128), "grey": True, "epochs": 60, "tolerance": 3, "augmentation": VIEWPOINT},
+        settings={"image_size": (64, 128), "grey": True, "epochs": 60, "tolerance": 3},
     ),
 }
 
