@@ -152,7 +152,7 @@ def recipe(model: str, name: str) -> dict[str, Any]:
         "recipe": name,
         "batch_size": 64,
         "weight_decay": 0.1,
-        "augmentation": {"shift": 0.05, "crop": 0.08, "brightness": 0.18, "contrast": 0.35},
+        "augmentation": {"shift": 0.02, "crop": 0.03, "brightness": 0.18, "contrast": 0.35},
     }
     if model == "c-vae":
         defaults["weights"] = {"condition": 100.0}
