@@ -322,13 +322,23 @@ def _pair_section(
     )
     header, rows = comparison.table(names)
     section.table(header, rows, best=dict.fromkeys(_SCORES, "highest"))
-    best = max(areas, key=lambda label: areas[label])
-    section.figure(
-        matrix_figure(pair, results[best], title=best), alt=f"Similarity matrix of {best}.", caption="Similarity matrix"
-    )
-    section.figure(
-        match_figure(pair, results[best], title=best), alt=f"Matches of {best}.", caption="Right and wrong matches"
-    )
+    for label in _shown(comparison, areas):
+        section.figure(
+            matrix_figure(pair, results[label], title=label),
+            alt=f"Similarity matrix of {label}.",
+            caption="Similarity matrix",
+        )
+        section.figure(
+            match_figure(pair, results[label], title=label),
+            alt=f"Matches of {label}.",
+            caption="Right and wrong matches",
+        )
+
+
+def _shown(comparison: Comparison, areas: Mapping[str, float]) -> list[str]:
+    """The methods whose matches are worth a look: the best model of the VAE family, and the best of all."""
+    models = [label for label in areas if isinstance(comparison.describers[label], VAEDescriber)]
+    return list(dict.fromkeys(max(group, key=lambda label: areas[label]) for group in (models, list(areas)) if group))
 
 
 def _mean_recall(comparison: Comparison, label: str) -> float:
