@@ -12,7 +12,9 @@ from everplace.data.selection import Selection, parse_frames
 from everplace.describe import methods
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MethodError, RouteError
-from everplace.experiments.comparison import compare_methods, fit_and_open, write_comparison
+from everplace.experiments.comparison import compare_methods
+from everplace.experiments.comparison_report import write_comparison
+from everplace.experiments.fitting import fit_and_open
 from everplace.experiments.retrieval import Matching, Truth
 
 

@@ -70,8 +70,10 @@ def compare(
     require_directory(out)
     from everplace.data.route import open_route
     from everplace.data.selection import Selection, parse_frames
-    from everplace.experiments.comparison import compare_methods, fit_and_open, write_comparison
+    from everplace.experiments.comparison import compare_methods
+    from everplace.experiments.comparison_report import write_comparison
     from everplace.experiments.evaluation import seen_places
+    from everplace.experiments.fitting import fit_and_open
     from everplace.experiments.retrieval import Matching, Truth
 
     opened = open_route(route)

@@ -13,7 +13,9 @@ from everplace.data.route import open_route
 from everplace.data.selection import Selection, parse_frames, select
 from everplace.describe.protocol import Describer
 from everplace.describe.registry import open_describer
-from everplace.experiments.comparison import compare_methods, fit, write_comparison
+from everplace.experiments.comparison import compare_methods
+from everplace.experiments.comparison_report import write_comparison
+from everplace.experiments.fitting import fit
 from everplace.experiments.retrieval import Matching, Truth
 from everplace.model.checkpoint import load_checkpoint
 from everplace.model.config import ModelKind

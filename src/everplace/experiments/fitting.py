@@ -1,0 +1,126 @@
+"""Methods for a study: opened, or first fitted on places that are not tested."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from everplace.data.route import Route
+from everplace.data.selection import Selection, parse_frames, select
+from everplace.describe.protocol import Describer
+from everplace.describe.registry import method_names, open_describer
+from everplace.errors import ConfigError, MethodError
+from everplace.files import readable
+from everplace.model.config import MODEL_KINDS
+from everplace.progress import Progress, quiet
+from everplace.training.config import DEFAULT_EPOCHS, TrainConfig
+from everplace.training.fit import train
+
+__all__ = ["fit", "fit_and_open"]
+
+
+def fit_and_open(
+    route: Route,
+    methods: Sequence[str],
+    selection: Selection,
+    fit_frames: str,
+    out: Path,
+    *,
+    settings: Mapping[str, Any],
+    progress: Progress = quiet,
+) -> tuple[Route, dict[str, Describer], dict[str, str]]:
+    """Opens every method; those named by a kind of model are trained first, into `out`/runs.
+
+    Args:
+        route: The chosen traverses.
+        methods: Run directories, names of methods, or kinds of model to fit.
+        selection: The places to test on.
+        fit_frames: `A:B`, the places to fit on; they may not overlap the tested ones.
+        out: The directory of the comparison.
+        settings: Values of `TrainConfig` for the models that are fitted.
+        progress: Told of decoding.
+
+    Returns:
+        The route restricted to the tested places, the methods by label, and those left out with the reason.
+
+    Raises:
+        ConfigError: A model is to be fitted without --fit-frames, or on tested places; or no method can run.
+    """
+    if not methods:
+        raise ConfigError("--methods names no method; give run directories, sad, hog, ..., separated by commas")
+    if fit_frames:
+        parse_frames(fit_frames)
+    tested = select(route, selection, progress)
+    fitted = [method for method in methods if method in MODEL_KINDS]
+    if fitted:
+        _require_apart(select(route, replace(selection, frames=None), progress), selection.frames, fit_frames, fitted)
+    describers: dict[str, Describer] = {}
+    left_out: dict[str, str] = {}
+    opened: dict[str, Describer] = {}
+    for method in methods:  # before anything is fitted, which takes long
+        if method in fitted:
+            continue
+        try:
+            opened[method] = open_describer(method)
+        except MethodError as error:
+            if method.partition(":")[0] not in method_names():
+                raise
+            left_out[method] = str(error)
+    for method in methods:
+        if method in fitted:
+            describers[method] = fit(route, {**settings, "model": method, "frames": fit_frames}, out, progress)
+        elif method in opened:
+            describers[_label(method, describers)] = opened[method]
+    if not describers:
+        raise ConfigError(f"--methods {','.join(methods)}: none of them can run: {'; '.join(left_out.values())}")
+    return tested, describers, left_out
+
+
+def fit(route: Route, settings: Mapping[str, Any], out: Path, progress: Progress = quiet) -> Describer:
+    """Trains a model into `out`/runs, or goes on where an earlier call with the same settings stood.
+
+    Args:
+        route: The route to train on.
+        settings: Values of `TrainConfig`.
+        out: The directory of the study.
+        progress: Told of decoding.
+
+    Raises:
+        ConfigError: A setting is wrong, or an earlier call used others.
+    """
+    run = out / "runs" / str(settings["model"])
+    length = {} if {"minutes", "epochs"} & set(settings) else {"epochs": DEFAULT_EPOCHS}
+    config = TrainConfig.build(**{**length, **settings})
+    try:
+        train(route, config, run, resume=True, progress=progress, show=True)
+    except ConfigError as error:
+        if not run.exists():
+            raise
+        raise ConfigError(
+            f"{readable(out)} holds a study with other settings; name another --out, or remove it ({error})"
+        ) from None
+    return open_describer(str(run))
+
+
+def _label(method: str, taken: Collection[str]) -> str:
+    """A short name for the tables: of a run directory its last part, made unique."""
+    name = Path(method).name if Path(method).is_dir() else method
+    label, number = name, 2
+    while label in taken:
+        label, number = f"{name}-{number}", number + 1
+    return label
+
+
+def _require_apart(route: Route, frames: slice | None, fit_frames: str, fitted: Sequence[str]) -> None:
+    if not fit_frames:
+        raise ConfigError(f"{', '.join(fitted)} must be fitted: give --fit-frames A:B, places that --frames leaves out")
+    total = min(len(traverse) for traverse in route.traverses)
+    tested = range(total)[frames if frames is not None else slice(None)]
+    both = set(tested).intersection(range(total)[parse_frames(fit_frames)])
+    if both:
+        raise ConfigError(
+            f"--fit-frames {fit_frames} and --frames share {len(both)} places, from {min(both)} to {max(both)}; "
+            "a method may not be fitted on the places it is tested on"
+        )
