@@ -13,6 +13,7 @@ from everplace.errors import MethodError
 
 __all__ = [
     "Describer",
+    "LargeDescriber",
     "Metric",
     "ProbabilisticDescriber",
     "Settings",
@@ -69,6 +70,18 @@ class ProbabilisticDescriber(Describer, Protocol):
     def describe_with_variance(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Returns B×D values, equal to those of `describe`, and their B×D variances, not negative."""
         ...
+
+
+@runtime_checkable
+class LargeDescriber(Describer, Protocol):
+    """A describer whose memory grows with the images it describes at once, such as a deep network.
+
+    Attributes:
+        batch: Images at once where nobody asks for another number.
+    """
+
+    @property
+    def batch(self) -> int: ...  # noqa: D102
 
 
 def require_images(images: NDArray[np.uint8], spec: ImageSpec, method: str) -> None:

@@ -98,7 +98,7 @@ def evaluate_method(
         CheckpointError: The run directory is damaged.
         ImageError: A frame cannot be decoded.
     """
-    describer = open_describer(method)
+    describer = open_describer(method, progress=progress)
     chosen, pair = choose_pair(route, query, database, selection, progress)
     matches, truth = true_matches(chosen, pair, truth)
     result = retrieve(describer, pair, matches, matching, progress=progress)
