@@ -9,6 +9,7 @@ from __future__ import annotations
 import pickle
 import re
 import tarfile
+import warnings
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -137,7 +138,9 @@ def load_weights(path: Path, network: nn.Module, name: str) -> str:
 def _read(path: Path) -> Mapping[str, Tensor]:
     if tarfile.is_tarfile(path):  # torch before 2.6 ran code from these, whatever it was told
         raise pickle.UnpicklingError("a tar file")
-    found = torch.load(path, map_location="cpu", weights_only=True, mmap=zipfile.is_zipfile(path))
+    with warnings.catch_warnings():  # about oddities of files that are refused in the end, or are well
+        warnings.simplefilter("ignore")
+        found = torch.load(path, map_location="cpu", weights_only=True, mmap=zipfile.is_zipfile(path))
     if not isinstance(found, Mapping):
         raise pickle.UnpicklingError("no state dict")
     return found
