@@ -54,7 +54,6 @@ def write_network(
         [numpy_helper.from_array(matrix, "matrix")],
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
-    onnx.checker.check_model(model)
     path = directory / "net.onnx"
     onnx.save(model, str(path))
     if toml is not None:
@@ -181,9 +180,9 @@ Change = Callable[[Path], Path]
         (lambda d: d / "none.onnx", r"there is no ONNX file .*none\.onnx"),
         (lambda d: write_network(d, shape=("n", 3, 7, W)), r"takes images of shape .* TOML says B×3×6×10; correct"),
         (lambda d: write_network(d, shape=("n", H, W, 3), axes=(1, 2)), "takes images of shape"),
-        (lambda d: write_network(d, shape=("n", 3)), "takes images of shape"),
+        (lambda d: write_network(d, shape=("n", 3), axes=(0,)), "takes images of shape"),
         (lambda d: write_network(d, input_type=TensorProto.INT32), r"takes tensor\(int32\); export it for one of"),
-        (lambda d: write_network(d, axes=(3,)), "fails on an image of 6×10|instead of one row an image"),
+        (lambda d: write_network(d, shape=("n", 3, "h", "w"), axes=(1, 3)), "fails on an image of 6×10: "),
     ],
 )
 def test_networks_that_do_not_fit_are_refused(tmp_path: Path, write: Change, message: str) -> None:

@@ -31,7 +31,7 @@ __all__ = ["OnnxDescriber", "open_method"]
 
 _INPUT_TYPES = {"tensor(uint8)": np.uint8, "tensor(float)": np.float32, "tensor(float16)": np.float16}
 _OUTPUT_TYPES = {"tensor(float)", "tensor(float16)", "tensor(double)"}
-_ERRORS_ONLY = 3
+_FATAL_ONLY = 4  # what fails is raised, and said once
 _BATCH = 8
 
 
@@ -157,7 +157,7 @@ def _session(path: Path) -> onnxruntime.InferenceSession:
     except ImportError as error:
         raise MissingExtraError("the method onnx", "onnx") from error
     options = onnxruntime.SessionOptions()
-    options.log_severity_level = _ERRORS_ONLY
+    options.log_severity_level = _FATAL_ONLY
     options.intra_op_num_threads = usable_cores()  # its own choice is all cores of the machine
     wanted = ("CUDAExecutionProvider", "CPUExecutionProvider")
     providers = [name for name in wanted if name in onnxruntime.get_available_providers()]
