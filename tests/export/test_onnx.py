@@ -35,7 +35,10 @@ def saved_run(run: Path, kind: ModelKind = "cp-vae", channels: int = 3) -> Path:
         torch.manual_seed(2)
         model = ConditionVAE(config)
         with torch.no_grad():
-            for _ in range(3):
+            for parameter in model.encoder.parameters():
+                if parameter.ndim > 1:  # torch's own weights make the same of every image
+                    torch.nn.init.kaiming_normal_(parameter, a=0.1)
+            for _ in range(20):
                 model.encoder(torch.rand(8, channels, 32, 64))
     save_checkpoint(run, model, {})
     (run / "config.toml").write_text('model = "cp-vae"\n')
@@ -63,7 +66,7 @@ def test_it_describes_as_the_run_does(exported: tuple[Path, Path], tiny_route: P
     run, network = exported
     ours = values_of(open_describer(str(run)), tiny_route, 12)
     theirs = values_of(open_describer(f"onnx:{network}"), tiny_route, batch)
-    assert np.abs(ours).max() > 0.1
+    assert ours.std(axis=0).max() > 0.1
     assert np.abs(ours - theirs).max() <= 1e-4
 
 

@@ -131,16 +131,20 @@ def _load(repository: HubRepository, entry: str, arguments: Mapping[str, object]
 
 def _require_trust(label: str) -> None:
     repository = label.partition(":")[0]
-    if repository in os.environ.get(TRUST_VARIABLE, "").split(","):
-        return
+    entry = repository.replace("/", "_")
     trusted = Path(torch.hub.get_dir()) / "trusted_list"
-    with contextlib.suppress(OSError):
-        if repository.replace("/", "_") in trusted.read_text("utf-8").splitlines():
+    with contextlib.suppress(FileNotFoundError):
+        if entry in trusted.read_text("utf-8").splitlines():
             return
-    raise MethodError(
-        f"hub:{label} would run code from https://github.com/{repository} on this machine; "
-        f"if you trust it, say so once by {TRUST_VARIABLE}={repository} in the environment"
-    )
+    if repository not in os.environ.get(TRUST_VARIABLE, "").split(","):
+        raise MethodError(
+            f"hub:{label} would run code from https://github.com/{repository} on this machine; "
+            f"if you trust it, say so once by {TRUST_VARIABLE}={repository} in the environment"
+        )
+    # torch.hub itself notes only what it downloads, not what lies in its cache already.
+    trusted.parent.mkdir(parents=True, exist_ok=True)
+    with trusted.open("a", encoding="utf-8") as file:
+        file.write(f"{entry}\n")
 
 
 def _cached(label: str) -> Path | None:
