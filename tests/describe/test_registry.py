@@ -42,8 +42,8 @@ def test_what_a_method_needs_from_the_net_is_fetched_before_it_opens(
         "def open_method(argument):\n    return [*steps, argument]\n"
     )
     monkeypatch.setattr(methods, "__path__", [*methods.__path__, str(tmp_path)])
-    opened = open_describer("deep:x", progress=quiet)
-    assert opened == [("prepare", "x", quiet), "x"]  # type: ignore[comparison-overlap]
+    opened: object = open_describer("deep:x", progress=quiet)
+    assert opened == [("prepare", "x", quiet), "x"]
     del sys.modules["everplace.describe.methods.deep"]
 
 

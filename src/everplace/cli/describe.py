@@ -19,7 +19,9 @@ def register(app: typer.Typer) -> None:
 
 
 def describe(
-    method: Annotated[str, typer.Argument(metavar="METHOD", help="A run directory, or a method such as sad or hog.")],
+    method: Annotated[
+        str, typer.Argument(metavar="METHOD", help="A run directory, or sad, hog, alexnet, vgg19, hub:..., onnx:...")
+    ],
     images: Annotated[Path, typer.Argument(metavar="IMAGES", help="Directory of images.")],
     out: OutFile,
     batch: Annotated[

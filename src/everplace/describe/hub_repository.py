@@ -120,13 +120,17 @@ def load_network(repository: HubRepository, entry: str, arguments: Mapping[str, 
 
 def _load(repository: HubRepository, entry: str, arguments: Mapping[str, object]) -> object:
     if repository.directory is not None:
-        return torch.hub.load(str(repository.directory), entry, source="local", **arguments)
+        return torch.hub.load(  # type: ignore[no-untyped-call]
+            str(repository.directory), entry, source="local", **arguments
+        )
     # A cached repository is named with its branch: torch.hub would ask GitHub for it every time.
     cached = _cached(repository.label)
     name = repository.label
     if ":" not in name and cached is not None:
         name = f"{name}:{cached.name.rpartition('_')[2]}"
-    return torch.hub.load(name, entry, source="github", trust_repo=True, verbose=False, **arguments)
+    return torch.hub.load(  # type: ignore[no-untyped-call]
+        name, entry, source="github", trust_repo=True, verbose=False, **arguments
+    )
 
 
 def _require_trust(label: str) -> None:

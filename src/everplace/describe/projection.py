@@ -47,4 +47,5 @@ class GaussianProjection(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, D) to (B, K)."""
-        return functional.linear(x, self.matrix) * self._scale
+        projected: Tensor = functional.linear(x, self.matrix) * self._scale
+        return projected

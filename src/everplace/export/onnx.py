@@ -81,7 +81,7 @@ def export_onnx(run: str | os.PathLike[str], out: Path) -> OnnxExport:
         MachineError: The exported network gives other descriptors than the run; nothing is written.
         StorageError: Writing failed.
     """
-    describer = VAEDescriber(load_checkpoint(run), device="cpu")
+    describer = VAEDescriber(load_checkpoint(Path(run)), device="cpu")
     config = describer.checkpoint.model.config
     toml = OnnxToml(
         image_size=(config.height, config.width),

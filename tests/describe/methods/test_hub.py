@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import urllib.request
 from pathlib import Path
 
 import numpy as np
@@ -199,6 +200,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """torch.hub's cache as a download leaves it, and no way to the net."""
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "torch"))
     monkeypatch.delenv("EVERPLACE_TRUST_HUB", raising=False)
+    monkeypatch.setattr(urllib.request, "_opener", None)  # it keeps the proxies that it was made with
     for variable in ("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"):
         monkeypatch.setenv(variable, "http://127.0.0.1:9")
     assert torch.hub.get_dir() == str(tmp_path / "torch" / "hub")

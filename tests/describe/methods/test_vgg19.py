@@ -43,7 +43,6 @@ def blocks(images: NDArray[np.uint8], weights: dict[str, Tensor], count: int) ->
 def test_the_layout_is_the_published_one() -> None:
     with torch.device("meta"):
         features, classifier = vgg19.vgg19_features(), vgg19.vgg19_classifier()
-        assert features(torch.zeros(2, 3, 224, 224)).shape == (2, 512, 7, 7)
     assert sum(parameter.numel() for parameter in features.parameters()) == 20_024_384
     positions = [position for block in CONVOLUTIONS for position in block]
     assert list(features.state_dict()) == [

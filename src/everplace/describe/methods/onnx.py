@@ -29,7 +29,11 @@ if TYPE_CHECKING:
 
 __all__ = ["OnnxDescriber", "open_method"]
 
-_INPUT_TYPES = {"tensor(uint8)": np.uint8, "tensor(float)": np.float32, "tensor(float16)": np.float16}
+_INPUT_TYPES: dict[str, type[np.generic]] = {
+    "tensor(uint8)": np.uint8,
+    "tensor(float)": np.float32,
+    "tensor(float16)": np.float16,
+}
 _OUTPUT_TYPES = {"tensor(float)", "tensor(float16)", "tensor(double)"}
 _FATAL_ONLY = 4  # what fails is raised, and said once
 _BATCH = 8
