@@ -40,7 +40,7 @@ PROTOCOLS = {
         test_frames="1620:",
         tolerance=1,
         filtered=True,
-        settings={"image_size": (32, 64), "grey": True, "epochs": 12},
+        settings={"image_size": (32, 64), "grey": True, "epochs": 16},
     ),
     "gardens_point": Protocol(
         route="gardens_point",

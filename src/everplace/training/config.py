@@ -67,6 +67,8 @@ class TrainConfig(_Section):
         seed: Of weights, order, noise and augmentation.
         batch_size: Frames in one step, over all devices.
         learning_rate: At its highest; it warms up and then falls along a cosine.
+        fully_connected_rate: Learning rate of the fully connected chains, as a fraction of the others'. A step of
+            Adam changes what a layer computes the more, the more inputs it has (Yang et al. 2022).
         weight_decay: Of AdamW.
         warmup_epochs: Epochs over which the KL weights rise from 0 to theirs.
         weights: Weights of the bound's terms.
@@ -91,6 +93,7 @@ class TrainConfig(_Section):
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
     batch_size: Annotated[int, Field(ge=2)] = 32
     learning_rate: Positive = 1e-3
+    fully_connected_rate: Positive = 0.1
     weight_decay: NonNegative = 0.0
     warmup_epochs: NonNegative = 5.0
     weights: TermWeights = TermWeights()
@@ -152,7 +155,7 @@ def recipe(model: str, name: str) -> dict[str, Any]:
         "recipe": name,
         "batch_size": 64,
         "weight_decay": 0.1,
-        "augmentation": {"shift": 0.02, "crop": 0.03, "brightness": 0.18, "contrast": 0.35},
+        "augmentation": {"shift": 0.03, "crop": 0.03, "brightness": 0.18, "contrast": 0.35},
     }
     if model == "c-vae":
         defaults["weights"] = {"condition": 100.0}

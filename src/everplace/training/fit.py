@@ -194,6 +194,8 @@ def _module(
     with torch.random.fork_rng():
         torch.manual_seed(config.seed)
         model = ConditionVAE(model_config)
+        if state is None:
+            model.initialise()
     done = state.progress if state is not None else RunProgress()
     if state is not None:
         require_fitting(state, model)

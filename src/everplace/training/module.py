@@ -131,8 +131,15 @@ class BoundModule(lightning.LightningModule):
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """AdamW, with the moments of an earlier process if the run is resumed."""
+        chains = [parameter for chain in self.model.fully_connected for parameter in chain.parameters()]
+        known = set(map(id, chains))
+        others = [parameter for parameter in self.parameters() if id(parameter) not in known]
+        groups: list[dict[str, Any]] = [
+            {"params": others, "share": 1.0},
+            {"params": chains, "share": self.config.fully_connected_rate},
+        ]
         optimizer = torch.optim.AdamW(
-            self.parameters(), lr=self.config.learning_rate, weight_decay=self.config.weight_decay, fused=True
+            groups, lr=self.config.learning_rate, weight_decay=self.config.weight_decay, fused=True
         )
         if self._optimizer_state is not None:
             groups = optimizer.state_dict()["param_groups"]
@@ -167,7 +174,7 @@ class BoundModule(lightning.LightningModule):
         warm = min(1.0, (progress + 1e-3) / _WARMUP)
         rate = self.config.learning_rate * warm * 0.5 * (1.0 + math.cos(math.pi * progress))
         for group in self.trainer.optimizers[0].param_groups:
-            group["lr"] = rate
+            group["lr"] = rate * group["share"]
         if self.config.minutes is not None and progress >= 1.0:
             self.trainer.should_stop = True
 
