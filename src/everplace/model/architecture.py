@@ -12,7 +12,17 @@ from torch.nn import functional
 from everplace.model.config import ModelConfig
 from everplace.model.posterior import LatentSplit, Posterior
 
-__all__ = ["ConditionVAE", "Decoder", "Encoder", "Output", "PlaceHead", "feature_map", "hidden_widths", "strides"]
+__all__ = [
+    "ConditionVAE",
+    "Decoder",
+    "Encoder",
+    "InstanceBatchNorm2d",
+    "Output",
+    "PlaceHead",
+    "feature_map",
+    "hidden_widths",
+    "strides",
+]
 
 CONVOLUTIONS = (32, 64, 64, 128, 128)
 FULLY_CONNECTED = (4096, 2048, 1024, 512)
