@@ -56,9 +56,9 @@ def strides(height: int, width: int) -> tuple[int, ...]:
     return tuple(1 if i in full else 2 for i in range(len(CONVOLUTIONS)))
 
 
-def hidden_widths(flattened: int) -> tuple[int, ...]:
+def hidden_widths(flattened: int, *, fully_connected: bool = True) -> tuple[int, ...]:
     """The fully connected chain: Table 1's widths, from the first one below the flattened size (decided)."""
-    return tuple(width for width in FULLY_CONNECTED if width < flattened)
+    return tuple(width for width in FULLY_CONNECTED if fully_connected and width < flattened)
 
 
 class InstanceBatchNorm2d(nn.Module):
@@ -75,8 +75,8 @@ class InstanceBatchNorm2d(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, C, H, W) to the same shape."""
-        alone, together = x.split((self.instance.num_features, self.batch.num_features), dim=1)
-        return torch.cat((self.instance(alone), self.batch(together)), dim=1)
+        alone = self.instance.num_features
+        return torch.cat((self.instance(x[:, :alone]), self.batch(x[:, alone:])), dim=1)
 
 
 def _convolution(inputs: int, outputs: int, stride: int, *, free_of_contrast: bool) -> nn.Sequential:
@@ -128,7 +128,7 @@ class Encoder(nn.Module):
             for i, stride in enumerate(strides(config.height, config.width))
         )
         flattened = CONVOLUTIONS[-1] * height * width
-        widths = (flattened, *hidden_widths(flattened))
+        widths = (flattened, *hidden_widths(flattened, fully_connected=config.fully_connected))
         self.fully_connected = nn.ModuleList(_linear(a, b) for a, b in pairwise(widths))
         self.z_mean = nn.Linear(widths[-1], config.latent_dimensions)
         self.z_log_variance = nn.Linear(widths[-1], config.latent_dimensions)
@@ -160,7 +160,11 @@ class Decoder(nn.Module):
         super().__init__()
         _, self.height, self.width = feature_map(config.height, config.width)
         flattened = CONVOLUTIONS[-1] * self.height * self.width
-        widths = (config.latent_dimensions, *reversed(hidden_widths(flattened)), flattened)
+        widths = (
+            config.latent_dimensions,
+            *reversed(hidden_widths(flattened, fully_connected=config.fully_connected)),
+            flattened,
+        )
         self.fully_connected = nn.ModuleList(_linear(a, b).append(nn.LeakyReLU(0.1)) for a, b in pairwise(widths))
         channels = tuple(reversed(CONVOLUTIONS))
         steps = tuple(reversed(strides(config.height, config.width)))
@@ -242,7 +246,7 @@ class Output:
         z: The sample, (B, D).
         reconstruction: Mean of p(x|z), (B, C, H, W), float32.
         condition_logits: (B, conditions), None for the VAE.
-        place_logits: (B, places), None unless CP-VAE.
+        place_logits: (B, places), None unless the model has classes of places.
     """
 
     posterior: Posterior
@@ -276,7 +280,7 @@ class ConditionVAE(nn.Module):
         self.condition_head = (
             None if config.kind == "vae" else nn.Linear(config.condition_dimensions, len(config.conditions))
         )
-        self.place_head = PlaceHead(config.place_dimensions, config.places) if config.kind == "cp-vae" else None
+        self.place_head = PlaceHead(config.place_dimensions, config.places) if config.places else None
         # The sigma that training reached; fixed wherever a bound is evaluated.
         self.register_buffer("log_sigma", torch.zeros(()))
 
