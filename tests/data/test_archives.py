@@ -99,9 +99,7 @@ def test_a_member_that_leads_outside_is_refused_by_name(tmp_path: Path, name: st
         ("tty", tarfile.CHRTYPE, ""),
     ],
 )
-def test_links_to_outside_and_devices_are_refused_by_name(
-    tmp_path: Path, name: str, kind: bytes, target: str
-) -> None:
+def test_links_to_outside_and_devices_are_refused_by_name(tmp_path: Path, name: str, kind: bytes, target: str) -> None:
     path = tmp_path / "a.tar"
     with tarfile.open(path, "w") as archive:
         info = tarfile.TarInfo(name)
