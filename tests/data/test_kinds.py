@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import pytest
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from everplace.data.kinds import missing_extras, open_kind, option_help, read_options, source_kinds
 from everplace.data.sources.protocol import SourceOptions
@@ -28,7 +28,7 @@ class Options(SourceOptions):
     size: Annotated[tuple[int, int] | None, BeforeValidator(lambda text: tuple(map(int, text.split("x"))))] = None
     mode: Literal["a", "b"] = "a"
     flag: bool = False
-    files: list[Path] = []
+    files: list[Path] = Field(default=[])
 
     @model_validator(mode="after")
     def _together(self) -> Options:
