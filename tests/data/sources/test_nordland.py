@@ -236,7 +236,7 @@ def test_parquet_that_is_not_nordland(tmp_path: Path) -> None:
     parquet(path, [row, row])
     assert "which" in refused(path)
     assert "holds the frame train-1-00000 of spring" in refused(path)
-    for change, message in [
+    changes: list[tuple[dict[str, object], str]] = [
         ({"season": 9}, "does not say what season 9 is"),
         ({"frame_id": None}, "frame_id None, which is no frame"),
         ({"frame_id": -1}, "no frame"),
@@ -244,7 +244,8 @@ def test_parquet_that_is_not_nordland(tmp_path: Path) -> None:
         ({"image": None}, "has the columns"),
         ({"image": {"bytes": None, "path": "x.png"}}, "holds no image for the frame train-1-00000"),
         ({"image": {"bytes": b"GIF8", "path": "x.png"}}, "no known format for the frame train-1-00000"),
-    ]:
+    ]
+    for change, message in changes:
         parquet(path, [row | change])
         assert message in refused(path)
     path.write_bytes(path.read_bytes()[:-20])

@@ -49,7 +49,7 @@ class VideoCopy:
                 raise RouteError(f"{other} and {readable(path)} are both named after {season}; keep one of them")
             self._videos[season] = path
         self.stems = {season: _stems(_seconds(path)) for season, path in self._videos.items()}
-        self.notes = (
+        self.notes: tuple[str, ...] = (
             "One frame a second was taken from the videos, the first at or after each full second; lists and "
             "tables made for other copies may count a second differently.",
         )
