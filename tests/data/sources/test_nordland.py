@@ -20,7 +20,7 @@ from everplace.data.images import ImageSpec, decode_image, resize_image
 from everplace.data.importing import ImportSummary, import_route
 from everplace.data.natural_order import natural_sorted
 from everplace.data.route import Route, open_route
-from everplace.data.sources import _nordland_presets
+from everplace.data.sources import _nordland_presets, _nordland_video
 from everplace.data.sources._nordland_names import read_list, season_of
 from everplace.data.sources._nordland_presets import choose_frames
 from everplace.data.truth import truth_by_position
@@ -302,6 +302,12 @@ def test_damaged_and_nameless_videos_are_refused(tmp_path: Path) -> None:
         message = refused(tmp_path / "winter.mkv")
         assert "winter.mkv" in message
         assert "fetch it again" in message
+
+
+def test_a_video_that_claims_to_last_for_ever_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    video(tmp_path / "winter.mkv", "winter", 3)
+    monkeypatch.setattr(_nordland_video, "_LONGEST", 2)
+    assert "winter.mkv claims to be 3 seconds long" in refused(tmp_path / "winter.mkv")
 
 
 def test_size_is_for_every_form(tmp_path: Path) -> None:
