@@ -7,6 +7,7 @@ import sys
 import tarfile
 import zipfile
 from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -302,6 +303,19 @@ def test_damaged_and_nameless_videos_are_refused(tmp_path: Path) -> None:
         message = refused(tmp_path / "winter.mkv")
         assert "winter.mkv" in message
         assert "fetch it again" in message
+
+
+def test_a_video_with_a_gap_is_refused(tmp_path: Path) -> None:
+    av = pytest.importorskip("av")
+    with av.open(str(tmp_path / "winter.mkv"), "w") as container:
+        stream = container.add_stream("ffv1", rate=5)
+        stream.width, stream.height, stream.pix_fmt = 32, 16, "bgr0"
+        for tick in (*range(10), *range(40, 50)):
+            frame = av.VideoFrame.from_ndarray(np.zeros((16, 32, 3), np.uint8), format="rgb24")
+            frame.pts, frame.time_base = tick, Fraction(1, 5)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    assert "has a gap of several seconds at second 2" in refused(tmp_path / "winter.mkv")
 
 
 def test_a_video_that_claims_to_last_for_ever_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

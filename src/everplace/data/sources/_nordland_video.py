@@ -22,6 +22,7 @@ VIDEO_ENDINGS = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".ts")
 """Endings (lower case) by which a file counts as a video."""
 
 _LONGEST = 86_400  # seconds; the journey takes ten hours
+_LONGEST_GAP = 2  # seconds without a frame: beyond, one frame would stand for too many places
 
 
 class VideoCopy:
@@ -130,6 +131,8 @@ def _frames(path: Path) -> Iterator[tuple[int, Any]]:
             start = frame.time if start is None else start
             if frame.is_corrupt:
                 raise RouteError(f"{readable(path)} is damaged at second {frame.time - start:.0f}; fetch it again")
-            while frame.time - start >= second - 1e-6:  # after a gap one frame stands for several seconds
+            if frame.time - start > second + _LONGEST_GAP:
+                raise RouteError(f"{readable(path)} has a gap of several seconds at second {second}; fetch it again")
+            while frame.time - start >= second - 1e-6:  # after a short gap one frame stands for two seconds
                 yield second, lambda frame=frame: np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
                 second += 1
