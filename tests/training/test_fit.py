@@ -251,7 +251,14 @@ def test_a_block_that_collapses_is_warned_of_once(
 ) -> None:
     weights = {"beta_place": 1e9, "beta_condition": 0.0, "place": 0.0}
     config = make_config(
-        model=model, weights=weights, warmup_epochs=0.0, epochs=16, batch_size=4, validate_every=16, learning_rate=1e-2
+        model=model,
+        weights=weights,
+        warmup_epochs=0.0,
+        epochs=16,
+        batch_size=4,
+        validate_every=16,
+        learning_rate=1e-2,
+        fully_connected_rate=1.0,
     )
     with pytest.warns(CollapseWarning) as caught:
         train(route, config, tmp_path / "run")
