@@ -13,7 +13,7 @@ from everplace.files import readable
 
 __all__ = ["TextRow", "read_rows"]
 
-_WHOLE = re.compile(r"[+-]?[0-9]{1,18}")
+_WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 _MOST_CHARACTERS = 1 << 16
 
 
@@ -58,7 +58,7 @@ class TextRow:
         return [self._float(index) for index in range(start, stop)]
 
     def whole(self, index: int, what: str) -> int:
-        """Reads a whole number of at most 18 digits, written with or without `.0`.
+        """Reads a whole number of at most 19 digits, written with or without `.0`.
 
         Raises:
             RouteError: The field is missing or is none.

@@ -59,7 +59,8 @@ def read(source: Path, options: Options) -> ForeignRoute:
 
     The pose is the UTM position; the heading is field 9 (degrees clockwise from north), or 0 where it is
     empty. The eastings of several UTM zones would overlap, so each zone lies 1,000 km east of the one before.
-    Images in sub-directories get the sub-directory into their stem.
+    Images in sub-directories get the sub-directory into their stem. Times are given where all names of a
+    directory hold a whole one, YYYYMMDD_hhmmss.
 
     Raises:
         RouteError: There is no such split, it holds no image, or a file's name holds no coordinates.
@@ -67,21 +68,26 @@ def read(source: Path, options: Options) -> ForeignRoute:
     split = _find(source, options.split)
     directories = [split / name for name in _TRAVERSES]
     listed = {directory: by_stem(directory, image_names(directory)) for directory in directories}
-    zones = {_place(directory, name).zone for directory, names in listed.items() for name in names.values()}
-    known = sorted(zone for zone in zones if zone is not None)
+    zones: set[int] = set()
+    timed: dict[Path, bool] = {}
+    for directory, names in listed.items():
+        places = [_place(directory, name) for name in names.values()]
+        zones.update(place.zone for place in places if place.zone is not None)
+        timed[directory] = all(place.seconds is not None for place in places)
+    known = sorted(zones)
     notes = [
-        f"two images show the same place within {options.radius:g} m, the protocol's 25 m being the default; "
-        "headings are not compared",
+        f"Two images show the same place within {options.radius:g} m (the protocol's own radius is 25 m); headings are "
+        "not compared."
     ]
     if len(known) > 1:
         notes.append(
-            f"the images lie in the UTM zones {', '.join(map(str, known))}; each zone was moved 1,000 km east of the "
-            "one before, so images on the two sides of a border between zones never match"
+            f"The images lie in the UTM zones {', '.join(map(str, known))}; each zone was moved 1,000 km east of the one "
+            "before, so images on the two sides of a border between zones never match."
         )
     shift = {zone: index * _ZONE_WIDTH for index, zone in enumerate(known)}
     return ForeignRoute(
         traverses=(
-            ForeignTraverse(directory.name, _frames(directory, names, shift), count=len(names))
+            ForeignTraverse(directory.name, _frames(directory, names, shift, timed[directory]), count=len(names))
             for directory, names in listed.items()
         ),
         radius=options.radius,
@@ -94,21 +100,20 @@ def _find(source: Path, split: str) -> Path:
     for candidate in candidates:
         if all((candidate / name).is_dir() for name in _TRAVERSES):
             return candidate
-    there = [
-        name for name in ("train", "val", "test") if any((parent / name).is_dir() for parent in (source / "images", source))
-    ]
-    hint = f"; there are the splits {', '.join(there)}, choose with --set split=NAME" if there else ""
+    parents = (source / "images", source)
+    there = [name for name in ("train", "val", "test") if any((parent / name).is_dir() for parent in parents)]
+    remedy = f"choose --set split= one of {', '.join(there)}" if there else "give the directory above images"
     raise RouteError(
-        f"{readable(source)} holds no images/{split} with the directories database and queries{hint or '; give the '}"
-        f"{'' if hint else 'directory above images'}"
+        f"{readable(source)} holds no images/{split} with the directories database and queries; {remedy}"
     )
 
 
-def _frames(directory: Path, names: dict[str, str], shift: dict[int, float]) -> Iterator[ForeignFrame]:
+def _frames(directory: Path, names: dict[str, str], shift: dict[int, float], timed: bool) -> Iterator[ForeignFrame]:
     for stem, name in names.items():
         place = _place(directory, name)
         east = place.east + (0.0 if place.zone is None else shift[place.zone])
-        yield ForeignFrame(stem, directory / name, Pose(east, place.north, place.heading), place.seconds)
+        pose = Pose(east, place.north, place.heading)
+        yield ForeignFrame(stem, directory / name, pose, place.seconds if timed else None)
 
 
 def _place(directory: Path, name: str) -> _Place:

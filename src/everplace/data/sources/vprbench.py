@@ -54,9 +54,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     queries, references = list(names["query"]), list(names["ref"])
     truth = _read_truth(source / options.truth, len(queries), len(references))
     alone = len(queries) - sum(1 for matches in truth.values() if matches)
-    notes = [f"true matches are those of {options.truth}"]
-    if alone:
-        notes.append(f"{alone} of {len(queries)} queries have no true match")
+    notes = [f"{alone} of {len(queries)} queries have no true match."] if alone else []
     return ForeignRoute(
         traverses=(
             ForeignTraverse(part, _frames(source / part, found), count=len(found)) for part, found in names.items()
