@@ -28,6 +28,7 @@ class Route:
         tolerance: Frames by which a match may be off, if route.toml says so.
         radius: Metres by which a match may be off, if route.toml says so.
         truth: Which frames show the same place, if route.toml names a file of pairs.
+        protocol: The published protocol that chose the frames, if route.toml names one.
     """
 
     root: Path
@@ -35,6 +36,7 @@ class Route:
     tolerance: int | None = None
     radius: float | None = None
     truth: TruthTable | None = None
+    protocol: str | None = None
 
     @property
     def name(self) -> str:
@@ -151,7 +153,14 @@ def open_route(path: str | os.PathLike[str]) -> Route:
     settings = read_route_toml(root)
     traverses = read_traverses(root, settings)
     truth = None if settings.truth is None else TruthTable(root / settings.truth, traverses)
-    return Route(root, traverses, tolerance=settings.tolerance, radius=settings.radius, truth=truth)
+    return Route(
+        root,
+        traverses,
+        tolerance=settings.tolerance,
+        radius=settings.radius,
+        truth=truth,
+        protocol=settings.protocol,
+    )
 
 
 def _restrict(traverse: Traverse, wanted: frozenset[str]) -> Traverse:

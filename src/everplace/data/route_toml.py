@@ -6,6 +6,7 @@ All of it is optional:
     radius = 25.0                   # or metres, where there are poses
     truth = "truth.csv"             # or a list of the pairs of frames that show the same place
     ignore = ["thumbnails"]         # sub-directories that are no traverses
+    protocol = "olid"               # the published protocol that chose the frames, to be named in results
 
     [traverses.jan14]
     condition = "winter"            # default: the traverse's name
@@ -61,6 +62,7 @@ class RouteToml(BaseModel):
         truth: A CSV file of pairs, from the route's directory (see `data.truth.TruthTable`); None: there is
             none. Not beside the other two.
         ignore: Names of sub-directories that are no traverses.
+        protocol: The published protocol that chose the frames; None: none.
         traverses: What is said about single traverses, by name.
     """
 
@@ -70,6 +72,7 @@ class RouteToml(BaseModel):
     radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     truth: _Text | None = None
     ignore: tuple[_Text, ...] = Field(default=(), strict=False)
+    protocol: _Text | None = None
     traverses: dict[str, TraverseToml] = {}
 
     @model_validator(mode="after")

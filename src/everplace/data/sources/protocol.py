@@ -77,6 +77,7 @@ class ForeignRoute:
         truth: Which frames show the same place, where neither stems nor poses tell it: read once, after the
             traverses, and every frame it names is in them; not beside `tolerance` or `radius`.
         notes: Sentences that the user should read: what was left out and why, licence, protocol.
+        protocol: The published protocol that chose the frames and the tolerance; empty: none.
     """
 
     traverses: Iterator[ForeignTraverse]
@@ -84,6 +85,7 @@ class ForeignRoute:
     radius: float | None = None
     truth: Iterator[TruthPair] | None = None
     notes: tuple[str, ...] = ()
+    protocol: str = ""
 
 
 class SourceOptions(BaseModel):
