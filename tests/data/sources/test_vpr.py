@@ -55,7 +55,9 @@ def test_headings_and_times(data_set: Any) -> None:
 
 
 def test_zones_do_not_overlap(data_set: Any) -> None:
-    data_set.images("images/test/database", ["@500000@6000000@33@U@@@a@@@@@@@@.jpg", "@500000@6000000@10@S@@@b@@@@@@@@.jpg"])
+    data_set.images(
+        "images/test/database", ["@500000@6000000@33@U@@@a@@@@@@@@.jpg", "@500000@6000000@10@S@@@b@@@@@@@@.jpg"]
+    )
     data_set.images("images/test/queries", ["@500001@6000000@33@U@@@c@@@@@@@@.jpg"])
     frames = data_set.frames(vpr)
     assert sorted(frame.pose.x for frame in frames["database"]) == [500000.0, 1500000.0]
