@@ -46,7 +46,7 @@ def test_lists_of_images_in_their_own_order(data_set: Any) -> None:
         ("query", "query-images-00003", "reference", "images-00001")
     ]
     frames = data_set.frames(openseqslam2, query="q.txt")["query"]
-    assert [frame.content.name for frame in frames] == ["images-00003.png", "images-00001.png"]  # type: ignore[union-attr]
+    assert [frame.content.name for frame in frames] == ["images-00003.png", "images-00001.png"]
 
 
 def test_an_import_keeps_the_pairs(data_set: Any) -> None:

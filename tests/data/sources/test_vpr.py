@@ -37,7 +37,7 @@ def test_poses_come_from_the_names(data_set: Any, split: str, where: str) -> Non
     assert [frame.stem for frame in frames["queries"]] == [
         "@0584853.0@4477221.0@", "night-@584999@4477000.5@17@T@@@7@@@@@@@@",
     ]  # fmt: skip
-    assert frames["queries"][1].content.name == QUERIES[1].rpartition("/")[2]  # type: ignore[union-attr]
+    assert frames["queries"][1].content.name == QUERIES[1].rpartition("/")[2]
 
 
 def test_headings_and_times(data_set: Any) -> None:
