@@ -19,7 +19,7 @@ from everplace.data import importing
 from everplace.data.images import ImageSpec, decode_image
 from everplace.data.importing import ImportSummary, import_route
 from everplace.data.route import open_route
-from everplace.data.sources.protocol import Encoded, ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.data.sources.protocol import Content, Encoded, ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.data.traverse import Pose
 from everplace.errors import ConfigError, ImageError, RouteError, StorageError
 
@@ -188,12 +188,13 @@ def test_poses_and_times_are_for_all_frames_or_none(
 
 def test_files_that_are_no_images_or_not_there_are_refused(run: Run, source: Path, tmp_path: Path) -> None:
     os.mkfifo(source / "pipe.png")
-    for content, message in [
+    contents: list[tuple[Content, str]] = [
         (source / "gone.png", "cannot read .*gone.png: No such file"),
         (source / "pipe.png", "pipe.png is not a regular file"),
         (Encoded(b"x", ".txt"), "ends in '.txt', which is no image"),
         (source / "0", "ends in '', which is no image"),
-    ]:
+    ]
+    for content, message in contents:
         with pytest.raises(RouteError, match=message):
             run({"a": [ForeignFrame("1", content)]})
     with pytest.raises(ImageError, match=r"gone\.png"):

@@ -95,4 +95,4 @@ def test_help_comes_from_the_docstring_with_the_default() -> None:
 def test_missing_extras_are_found() -> None:
     module: Any = types.SimpleNamespace(EXTRAS={"numpy": "base", "no_such_package": "video", "nor_this": "bags"})
     assert missing_extras(module) == ["bags", "video"]
-    assert missing_extras(types.SimpleNamespace()) == []  # type: ignore[arg-type]
+    assert missing_extras(types.SimpleNamespace()) == []

@@ -13,7 +13,7 @@ The same stem in two seasons is the same place in each of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol
 
@@ -92,7 +92,7 @@ class Copy(Protocol):
         notes: Sentences for the user.
     """
 
-    stems: Mapping[str, Sequence[str]]
+    stems: dict[str, list[str]]
     tolerance: int | None
     notes: tuple[str, ...]
 
@@ -254,10 +254,10 @@ def _find_list(source: Path) -> tuple[Path, ...]:
     return next(((place / name,) for place in places for name in _LISTS if (place / name).is_file()), ())
 
 
-def _listed(stems: Mapping[str, Sequence[str]], lists: Sequence[Path], source: Path) -> dict[str, Sequence[str]]:
+def _listed(stems: dict[str, list[str]], lists: Sequence[Path], source: Path) -> dict[str, list[str]]:
     """Returns the frames that the lists name, by name."""
     if not lists:
-        return dict(stems)
+        return stems
     wanted: dict[str, dict[str, None]] = {season: {} for season in stems}
     for path in lists:
         for frame in read_list(path):
