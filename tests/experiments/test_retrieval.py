@@ -13,9 +13,12 @@ from everplace.data.selection import Selection, select
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, RouteError
 from everplace.experiments.comparison import compare_methods
-from everplace.experiments.evaluation import evaluate_method
+from everplace.experiments.evaluation import evaluate_method, write_evaluation
 from everplace.experiments.fitting import fit_and_open
 from everplace.experiments.retrieval import Matching, Truth, choose_pair, retrieve, true_matches
+from everplace.model.architecture import ConditionVAE
+from everplace.model.checkpoint import save_checkpoint
+from everplace.model.config import ModelConfig
 
 
 def test_a_pair_is_restricted_to_the_places_that_take_part(tiny_route: Path) -> None:
@@ -158,3 +161,27 @@ def test_a_filter_acts_on_each_traverse_alone_where_stems_do_not_count(tiny_rout
     assert [traverse.stems for traverse in shared.traverses] == [("2", "4", "5")] * 2
     alone = select(route, Selection(slice(2, 5)), only_shared=False)
     assert [traverse.stems for traverse in alone.traverses] == [("2", "3", "4"), ("2", "4", "5")]
+
+
+def test_the_audit_looks_at_shared_places_where_the_scores_do_not_need_them(tiny_route: Path, tmp_path: Path) -> None:
+    (tiny_route / "winter" / "3.png").unlink()
+    (tiny_route / "summer" / "0.png").unlink()
+    for traverse in ("summer", "winter"):
+        pose(tiny_route / traverse, 10.0)
+    (tiny_route / "route.toml").write_text("radius = 15.0\n")
+    config = ModelConfig(kind="c-vae", height=32, width=64, channels=1, conditions=("summer", "winter"), places=0)
+    save_checkpoint(tmp_path / "run", ConditionVAE(config), {"recipe": "faithful"})
+    (tmp_path / "run" / "config.toml").touch()
+    evaluated = evaluate_method(
+        open_route(tiny_route),
+        str(tmp_path / "run"),
+        query="winter",
+        database="summer",
+        selection=Selection(),
+        truth=Truth(),
+        matching=Matching(),
+    )
+    assert (evaluated.result.scores.queries, evaluated.result.scores.database) == (11, 11)
+    assert evaluated.audit is not None
+    write_evaluation(evaluated, tmp_path / "out", details={})
+    assert (tmp_path / "out" / "swap.png").is_file()

@@ -208,7 +208,7 @@ def _require_modest(file: IO[bytes]) -> None:
     size = file.seek(0, io.SEEK_END)
     file.seek(start)
     for opcode, argument, _ in pickletools.genops(file):  # raises ValueError where fewer bytes follow than claimed
-        if opcode.name in _PUTS and argument > size:
+        if opcode.name in _PUTS and int(argument or 0) > size:
             raise pickle.UnpicklingError("it wants to remember more values than it holds")
     file.seek(start)
 
