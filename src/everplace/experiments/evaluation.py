@@ -13,7 +13,7 @@ from everplace.data.pack import pack
 from everplace.data.route import Route
 from everplace.data.selection import Selection
 from everplace.describe.methods.vae import VAEDescriber
-from everplace.describe.protocol import Describer
+from everplace.describe.protocol import Describer, FittedDescriber
 from everplace.describe.registry import open_describer
 from everplace.evaluate.audit import Audit, Probe, audit
 from everplace.experiments.pictures import constant_figure, match_figure, matrix_figure, swap_figure
@@ -109,10 +109,10 @@ def evaluate_method(
 
 def seen_places(describer: Describer, route: Route) -> int:
     """How many of a route's stems a model was trained on or chosen by: the scores are no test of these."""
-    if not isinstance(describer, VAEDescriber):
+    if not isinstance(describer, FittedDescriber):
         return 0
     stems = {stem for traverse in route.traverses for stem in traverse.stems}
-    return len(stems & describer.checkpoint.seen_stems)
+    return len(stems & describer.seen_stems)
 
 
 def audit_pair(describer: Describer, route: Route, truth: Truth, progress: Progress = quiet) -> Audit | None:

@@ -54,7 +54,7 @@ class TrainConfig(_Section):
     """Everything that decides the outcome of a run, beside the images.
 
     Attributes:
-        model: `vae`, `c-vae` or `cp-vae`.
+        model: `vae`, `c-vae`, `cp-vae` or `cae`.
         recipe: Name of the recipe that gave the defaults; `faithful` is the paper's bound alone.
         conditions: Traverses or conditions to train on; empty: all of the route.
         frames: `A:B`, as `--frames`; empty: all.

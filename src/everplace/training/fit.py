@@ -167,7 +167,7 @@ def _model_config(conditions: tuple[str, ...], places: int, config: TrainConfig)
             height=height,
             width=width,
             channels=1 if config.grey else 3,
-            conditions=() if config.model == "vae" else conditions,
+            conditions=conditions if config.model in ("c-vae", "cp-vae") else (),
             places=places if config.model == "cp-vae" else 0,
         )
     except ValidationError as error:
