@@ -38,13 +38,15 @@ def compare(
     methods: Annotated[
         str,
         typer.Option(
-            "--methods", metavar="A,B,...", help="Run directories, sad, hog, ..., or vae, c-vae, cp-vae to fit."
+            "--methods",
+            metavar="A,B,...",
+            help="Run directories, sad, hog, ..., or vae, c-vae, cp-vae, cae, fabmap to fit.",
         ),
     ],
     out: OutDirectory,
     frames: Frames = "",
     fit_frames: Annotated[
-        str, typer.Option("--fit-frames", metavar="A:B", help="Places to fit vae, c-vae and cp-vae on.")
+        str, typer.Option("--fit-frames", metavar="A:B", help="Places to fit methods on that must be fitted.")
     ] = "",
     conditions: Annotated[
         str, typer.Option("--conditions", metavar="A,B", help="Traverses or conditions to compare between [all].")

@@ -21,7 +21,7 @@ __all__ = [
     "require_no_argument",
 ]
 
-Metric: TypeAlias = Literal["cosine", "mean-absolute-difference"]
+Metric: TypeAlias = Literal["cosine", "mean-absolute-difference", "place-posterior"]
 Settings: TypeAlias = Mapping[str, str | int | float | bool]
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from typing_extensions import Self
 
 from everplace.data.augment import Augmentation
 from everplace.errors import ConfigError
@@ -19,7 +20,16 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["CONFIG_FILE", "DEFAULT_EPOCHS", "TermWeights", "TrainConfig", "read_toml", "recipe", "write_config"]
+__all__ = [
+    "CONFIG_FILE",
+    "DEFAULT_EPOCHS",
+    "FitConfig",
+    "TermWeights",
+    "TrainConfig",
+    "read_toml",
+    "recipe",
+    "write_config",
+]
 
 CONFIG_FILE = "config.toml"
 DEFAULT_EPOCHS = 40
@@ -50,21 +60,62 @@ class TermWeights(_Section):
     beta_condition: NonNegative = 1.0
 
 
-class TrainConfig(_Section):
-    """Everything that decides the outcome of a run, beside the images.
+class FitConfig(_Section):
+    """What every method that is fitted is told: itself, what of the route it is fitted on, and its seed.
 
     Attributes:
-        model: `vae`, `c-vae`, `cp-vae` or `cae`.
-        recipe: Name of the recipe that gave the defaults; `faithful` is the paper's bound alone.
+        model: The method's name.
         conditions: Traverses or conditions to train on; empty: all of the route.
         frames: `A:B`, as `--frames`; empty: all.
         drop_dark: Leave out dark places.
         drop_stationary: Leave out places that look like the one before.
+        seed: Of all that is random.
+    """
+
+    model: str
+    conditions: tuple[str, ...] = ()
+    frames: str = ""
+    drop_dark: bool = False
+    drop_stationary: bool = False
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+
+    @classmethod
+    def build(cls, /, **values: Any) -> Self:
+        """Makes a configuration from its defaults and the values given over them.
+
+        Args:
+            values: Fields of this class; tables may be given in part (`weights={"place": 100}`).
+
+        Raises:
+            ConfigError: A key does not exist or a value is out of its range; the message names it.
+        """
+        try:
+            return cls.model_validate(_merge(cls._defaults(values), values))
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"]) or "configuration"
+            message = first["msg"].removeprefix("Value error, ")
+            sections: dict[Any, type[BaseModel]] = {"weights": TermWeights, "augmentation": Augmentation}
+            section = sections.get(first["loc"][0], cls) if len(first["loc"]) > 1 else cls
+            known = f"; known are {', '.join(section.model_fields)}" if first["type"] == "extra_forbidden" else ""
+            raise ConfigError(f"{where}: {message}{known}") from None
+
+    @classmethod
+    def _defaults(cls, values: dict[str, Any]) -> dict[str, Any]:  # noqa: ARG003
+        """Defaults that depend on the values."""
+        return {}
+
+
+class TrainConfig(FitConfig):
+    """Everything that decides the outcome of the training of a network, beside the images.
+
+    Attributes:
+        model: `vae`, `c-vae`, `cp-vae` or `cae`.
+        recipe: Name of the recipe that gave the defaults; `faithful` is the paper's bound alone.
         image_size: (H, W), multiples of 32.
         grey: One channel instead of three.
         epochs: Passes over the training frames; exactly one of `epochs` and `minutes` is given.
         minutes: Stop after so much training time.
-        seed: Of weights, order, noise and augmentation.
         batch_size: Frames in one step, over all devices.
         learning_rate: At its highest; it warms up and then falls along a cosine.
         weight_decay: Of AdamW.
@@ -80,15 +131,10 @@ class TrainConfig(_Section):
 
     model: ModelKind
     recipe: Literal["faithful"] = "faithful"
-    conditions: tuple[str, ...] = ()
-    frames: str = ""
-    drop_dark: bool = False
-    drop_stationary: bool = False
     image_size: tuple[int, int] = (224, 224)
     grey: bool = False
     epochs: Annotated[int, Field(gt=0)] | None = None
     minutes: Positive | None = None
-    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
     batch_size: Annotated[int, Field(ge=2)] = 32
     learning_rate: Positive = 1e-3
     weight_decay: NonNegative = 0.0
@@ -118,26 +164,8 @@ class TrainConfig(_Section):
         return self
 
     @classmethod
-    def build(cls, /, **values: Any) -> TrainConfig:
-        """Makes a configuration from a recipe's defaults and the values given over them.
-
-        Args:
-            values: Fields of this class; tables may be given in part (`weights={"place": 100}`).
-
-        Raises:
-            ConfigError: A key does not exist or a value is out of its range; the message names it.
-        """
-        defaults = recipe(str(values.get("model")), str(values.get("recipe", "faithful")))
-        try:
-            return cls.model_validate(_merge(defaults, values))
-        except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"]) or "configuration"
-            message = first["msg"].removeprefix("Value error, ")
-            sections: dict[Any, type[BaseModel]] = {"weights": TermWeights, "augmentation": Augmentation}
-            section = sections.get(first["loc"][0], cls) if len(first["loc"]) > 1 else cls
-            known = f"; known are {', '.join(section.model_fields)}" if first["type"] == "extra_forbidden" else ""
-            raise ConfigError(f"{where}: {message}{known}") from None
+    def _defaults(cls, values: dict[str, Any]) -> dict[str, Any]:
+        return recipe(str(values.get("model")), str(values.get("recipe", "faithful")))
 
 
 def recipe(model: str, name: str) -> dict[str, Any]:
@@ -179,7 +207,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         ) from None
 
 
-def write_config(run: Path, config: TrainConfig) -> None:
+def write_config(run: Path, config: FitConfig) -> None:
     """Writes config.toml into a run directory."""
     values = config.model_dump(mode="json", exclude_none=True)
     write_text(run / CONFIG_FILE, tomli_w.dumps(values))
