@@ -95,8 +95,6 @@ def compare(
         settings={key: value for key, value in settings.items() if value is not None},
         progress=show_progress(),
     )
-    for method, reason in left_out.items():
-        warn(f"{method} is left out: {reason}")
     for label, describer in describers.items():
         if seen := seen_places(describer, tested):
             warn(f"{seen} of the tested places carry the names of places that {label} was trained on or chosen by")
@@ -108,6 +106,8 @@ def compare(
         left_out=left_out,
         progress=show_progress(),
     )
+    for method, reason in comparison.left_out.items():
+        warn(f"{method} is left out: {reason}")
     write_comparison(comparison, out, title=f"Comparison on {opened.name}", details=provenance())
     if as_json:
         show_result(comparison.metrics(), as_json=True)

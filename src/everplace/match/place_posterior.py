@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from everplace.describe.descriptors import Descriptors
 from everplace.errors import DescriptorsError
 
-__all__ = ["PlacePosterior"]
+__all__ = ["PlacePosterior", "new_place_probability", "new_place_summary"]
 
 _BLOCK = 1024
 _DATABASE_BLOCK = 8192
@@ -99,3 +99,29 @@ class PlacePosterior:
             others = of_higher + (1.0 + of_lower) * np.exp(lower.astype(np.float64) - higher)
             top = higher
         return top, others
+
+
+def new_place_probability(query: Descriptors, database: Descriptors) -> NDArray[np.float32]:
+    """Probability that a query shows a place that is not in the database, for FAB-MAP's descriptors.
+
+    It shares the 1 with the places: over the database, exp(similarity) sums to what is left.
+
+    Args:
+        query: M descriptors.
+        database: N descriptors of the same run.
+
+    Returns:
+        (M,) in [0, 1].
+
+    Raises:
+        DescriptorsError: The descriptors are not FAB-MAP's.
+    """
+    return np.exp(PlacePosterior(query, database).log_new_place())
+
+
+def new_place_summary(query: Descriptors, database: Descriptors) -> dict[str, float] | None:
+    """Mean of `new_place_probability`, and in how many queries it is above one half; None for other methods."""
+    if query.metric != "place-posterior":
+        return None
+    probability = new_place_probability(query, database)
+    return {"mean_probability": float(probability.mean()), "above_half": int((probability > 0.5).sum())}

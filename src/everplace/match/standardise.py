@@ -15,7 +15,7 @@ from everplace.describe.descriptors import Descriptors
 from everplace.describe.protocol import Metric
 from everplace.errors import ConfigError
 
-__all__ = ["Standardisation", "require_standardisable", "standardise"]
+__all__ = ["Standardisation", "require_standardisable", "standardisable", "standardise"]
 
 Standardisation: TypeAlias = Literal["centre", "full"]
 
@@ -59,11 +59,16 @@ def standardise(descriptors: Descriptors, how: Standardisation) -> Descriptors:
     return replace(descriptors, values=values, variance=variance, settings={**descriptors.settings, "standardise": how})
 
 
+def standardisable(metric: Metric) -> bool:
+    """Whether descriptors still mean something when their mean is subtracted: words are there or not."""
+    return metric != "place-posterior"
+
+
 def require_standardisable(method: str, metric: Metric) -> None:
-    """Makes sure that descriptors still mean something when their mean is subtracted.
+    """Makes sure that descriptors can be standardised.
 
     Raises:
-        ConfigError: They are words that are there or not.
+        ConfigError: They are words.
     """
-    if metric == "place-posterior":
+    if not standardisable(metric):
         raise ConfigError(f"--standardise does not apply to the words of {method}; leave it out")

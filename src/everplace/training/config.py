@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
-from typing_extensions import Self
 
 from everplace.data.augment import Augmentation
 from everplace.errors import ConfigError
@@ -36,6 +35,9 @@ DEFAULT_EPOCHS = 40
 
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+_Config = TypeVar("_Config", bound="FitConfig")
 
 
 class _Section(BaseModel):
@@ -80,7 +82,7 @@ class FitConfig(_Section):
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
 
     @classmethod
-    def build(cls, /, **values: Any) -> Self:
+    def build(cls: type[_Config], /, **values: Any) -> _Config:
         """Makes a configuration from its defaults and the values given over them.
 
         Args:
