@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from everplace.describe.run import Method, load
     from everplace.errors import EverplaceError
     from everplace.evaluate.scores import Scores, evaluate, precision_recall
+    from everplace.match.place_posterior import new_place_probability
     from everplace.match.sequence import average_sequences
     from everplace.match.similarity import similarity, similarity_blocks, top_k
     from everplace.match.standardise import standardise
@@ -42,6 +43,7 @@ __all__ = [
     "evaluate",
     "load",
     "load_descriptors",
+    "new_place_probability",
     "open_route",
     "parse_frames",
     "precision_recall",
@@ -67,6 +69,7 @@ _HOME = {
     "evaluate": "evaluate.scores",
     "load": "describe.run",
     "load_descriptors": "describe.descriptors",
+    "new_place_probability": "match.place_posterior",
     "open_route": "data.route",
     "parse_frames": "data.selection",
     "precision_recall": "evaluate.scores",

@@ -259,6 +259,8 @@ def test_a_run_of_another_version_is_refused(way: Path, tmp_path: Path) -> None:
         (["train", "{route}", "--model", "vae", "--recipe", "secret", "--out", "{out}"], "secret"),
         (["train", "{route}", "--model", "vae", "--minutes", "1", "--epochs", "1", "--out", "{out}"], "minutes"),
         (["train", "{out}", "--model", "vae", "--out", "{out}"], "does not exist"),
+        (["train", "{route}", "--model", "fabmap", "--epochs", "3", "--out", "{out}"], "--epochs does not apply"),
+        (["compare", "{route}", "--methods", "fabmap", "--out", "{out}"], "--fit-frames"),
         (["describe", "sadd", "{route}/summer", "--out", "{out}"], "sadd"),
         (["describe", "sad", "{route}/autumn", "--out", "{out}"], "autumn"),
         (["match", "{out}", "{out}", "--out", "{out}"], "out"),

@@ -38,13 +38,15 @@ def compare(
     methods: Annotated[
         str,
         typer.Option(
-            "--methods", metavar="A,B,...", help="Run directories, sad, hog, ..., or vae, c-vae, cp-vae to fit."
+            "--methods",
+            metavar="A,B,...",
+            help="Run directories, sad, hog, ..., or vae, c-vae, cp-vae, cae, fabmap to fit.",
         ),
     ],
     out: OutDirectory,
     frames: Frames = "",
     fit_frames: Annotated[
-        str, typer.Option("--fit-frames", metavar="A:B", help="Places to fit vae, c-vae and cp-vae on.")
+        str, typer.Option("--fit-frames", metavar="A:B", help="Places to fit methods on that must be fitted.")
     ] = "",
     conditions: Annotated[
         str, typer.Option("--conditions", metavar="A,B", help="Traverses or conditions to compare between [all].")
@@ -93,8 +95,6 @@ def compare(
         settings={key: value for key, value in settings.items() if value is not None},
         progress=show_progress(),
     )
-    for method, reason in left_out.items():
-        warn(f"{method} is left out: {reason}")
     for label, describer in describers.items():
         if seen := seen_places(describer, tested):
             warn(f"{seen} of the tested places carry the names of places that {label} was trained on or chosen by")
@@ -106,6 +106,8 @@ def compare(
         left_out=left_out,
         progress=show_progress(),
     )
+    for method, reason in comparison.left_out.items():
+        warn(f"{method} is left out: {reason}")
     write_comparison(comparison, out, title=f"Comparison on {opened.name}", details=provenance())
     if as_json:
         show_result(comparison.metrics(), as_json=True)

@@ -39,9 +39,13 @@ def match(
     require_file(out)
     from everplace.describe.descriptors import load_descriptors
     from everplace.match.io import write_matches
+    from everplace.match.place_posterior import new_place_summary
     from everplace.match.search import best_matches
 
     asked, known = load_descriptors(query), load_descriptors(database)
     indices, scores = best_matches(asked, known, top, standardised=how, sequence=sequence)
     write_matches(out, asked.names, known.names, indices, scores, format=kind)
-    show_result({"queries": len(asked), "database": len(known), "matches": indices.size, "out": str(out)}, as_json)
+    result = {"queries": len(asked), "database": len(known), "matches": indices.size, "out": str(out)}
+    if (new_place := new_place_summary(asked, known)) is not None:
+        result["new_place"] = new_place
+    show_result(result, as_json)

@@ -16,6 +16,7 @@ from everplace.describe.pipeline import describe_traverse, time_describer
 from everplace.describe.protocol import Describer
 from everplace.errors import ConfigError
 from everplace.evaluate.scores import PrecisionRecall, Scores, evaluate, precision_recall
+from everplace.match.place_posterior import new_place_summary
 from everplace.match.search import compared
 from everplace.match.sequence import average_sequences
 from everplace.match.similarity import similarity
@@ -83,6 +84,8 @@ class Retrieval:
         curve: The best-match precision-recall curve.
         dimension: Numbers in a descriptor.
         ms_per_image: Description alone, model loading and decoding not counted.
+        new_place: Where the method knows the probability that a query shows a place that is not in the database: its
+            mean over the queries (`mean_probability`), and how many queries have one above one half (`above_half`).
     """
 
     method: str
@@ -92,6 +95,7 @@ class Retrieval:
     curve: PrecisionRecall
     dimension: int
     ms_per_image: float
+    new_place: dict[str, float] | None = None
 
 
 def choose_pair(
@@ -171,4 +175,5 @@ def retrieve(
         curve=precision_recall(S, truth),
         dimension=describer.dimension,
         ms_per_image=time_describer(describer, pair.query.paths) if ms_per_image is None else ms_per_image,
+        new_place=new_place_summary(query, database),
     )
