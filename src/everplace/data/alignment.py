@@ -77,9 +77,7 @@ def align_all_by_pairs(
 
 
 def sparsest(counts: Mapping[str, int]) -> str:
-    """Returns the drive with the fewest frames, the first of them: the best reference, for each of its frames can
-    have a partner.
-    """
+    """Returns the drive with the fewest frames, or the first of them: each of its frames can have a partner."""
     return min(counts, key=lambda name: counts[name])
 
 

@@ -85,6 +85,7 @@ def _columns(path: Path, header: list[str], reference: str, drives: Mapping[str,
     if missing:
         example = ",".join([reference, *others])
         raise RouteError(
-            f"{readable(path)} has no column for {missing[0]!r} in its first line; it must name the drives, like {example}"
+            f"{readable(path)} has no column for {missing[0]!r} in its first line; it must name the drives, like "
+            f"{example}"
         )
     return {name: header.index(name) for name in drives}

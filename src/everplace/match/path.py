@@ -17,10 +17,20 @@ from numpy.typing import NDArray
 
 from everplace.data.alignment import Assignment, best_chain
 from everplace.describe.descriptors import Descriptors
-from everplace.errors import RouteError
 from everplace.match.similarity import similarity
 
-__all__ = ["FoundPath", "contrast", "find_path", "local_path", "rivals"]
+__all__ = [
+    "Contrast",
+    "JudgedPath",
+    "Thinned",
+    "contrast",
+    "find_path",
+    "judge_path",
+    "local_path",
+    "rivals",
+    "thin",
+    "thinning",
+]
 
 _MOST_FRAMES = 2048
 """A drive with more frames is first searched in every so many-th frame; 2,048 × 2,048 scores are 16 MiB."""
@@ -39,13 +49,37 @@ _START, _DIAGONAL, _DOWN, _RIGHT = range(4)
 
 
 @dataclass(frozen=True, eq=False)
-class FoundPath:
-    """The frames of two drives that the path joins.
+class Thinned:
+    """At most 2,048 frames of a drive, to look at it as a whole.
+
+    Attributes:
+        descriptors: Of every `stride`-th frame.
+        stride: 1 where the drive is short.
+    """
+
+    descriptors: Descriptors
+    stride: int
+
+
+def thinning(frames: int) -> int:
+    """Returns the stride at which a drive of so many frames is looked at as a whole."""
+    return max(1, -(-frames // _MOST_FRAMES))
+
+
+def thin(descriptors: Descriptors) -> Thinned:
+    """Takes every so many-th frame of a drive."""
+    stride = thinning(len(descriptors))
+    return Thinned(_some(descriptors, slice(None, None, stride)) if stride > 1 else descriptors, stride)
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedPath:
+    """The frames of two drives that a path joins, and how sure it is.
 
     Attributes:
         pairs: K indices into the first drive and K into the second; both increase strictly.
         unsure: K bool, where another stretch of the second drive looks as much like the first's.
-        S: The similarity that was searched first: every `strides[0]`-th frame of the first drive against every
+        S: The similarity it was judged by: every `strides[0]`-th frame of the first drive against every
             `strides[1]`-th of the second.
         strides: See `S`; (1, 1) where both drives are short.
     """
@@ -56,7 +90,7 @@ class FoundPath:
     strides: tuple[int, int]
 
 
-def find_path(first: Descriptors, second: Descriptors) -> FoundPath:
+def find_path(first: Descriptors, second: Descriptors) -> Assignment:
     """Finds which frames of two drives show the same places.
 
     Long drives are searched twice: every so many-th frame, then all frames in a band around what was found.
@@ -66,29 +100,36 @@ def find_path(first: Descriptors, second: Descriptors) -> FoundPath:
         second: N descriptors of the same method.
 
     Returns:
-        The path.
+        K indices into the first drive and K into the second; none where nothing looks alike.
 
     Raises:
-        RouteError: Nothing in one drive looks like the other.
         DescriptorsError: The descriptors are not of the same method and settings.
     """
-    strides = -(-len(first) // _MOST_FRAMES), -(-len(second) // _MOST_FRAMES)
-    coarse = _every(first, strides[0]), _every(second, strides[1])
-    S = similarity(*coarse)
-    whole = contrast(S)
+    coarse = thin(first), thin(second)
+    strides = coarse[0].stride, coarse[1].stride
+    whole = contrast(similarity(coarse[0].descriptors, coarse[1].descriptors))
     cells = local_path((0, row) for row in whole.scores)
     pairs = _one_to_one(cells, whole.scores[cells])
-    if not len(pairs[0]):
-        raise RouteError("nothing in one drive looks like the other; align them by poses or by pairs set by hand")
-    unsure = rivals(whole.scores, pairs)
-    if strides == (1, 1):
-        return FoundPath(pairs, unsure, S, strides)
-    rough = pairs[0] * strides[0], pairs[1] * strides[1]
-    pairs = _refine(first, second, rough, whole, strides)
-    if not len(pairs[0]):
-        raise RouteError("nothing in one drive looks like the other; align them by poses or by pairs set by hand")
-    nearest = np.clip(np.searchsorted(rough[0], pairs[0]), 0, len(unsure) - 1)
-    return FoundPath(pairs, unsure[nearest], S, strides)
+    if strides == (1, 1) or not len(pairs[0]):
+        return pairs
+    return _refine(first, second, (pairs[0] * strides[0], pairs[1] * strides[1]), whole, strides)
+
+
+def judge_path(first: Thinned, second: Thinned, pairs: Assignment) -> JudgedPath:
+    """Tells how sure a path is, however it was found.
+
+    Args:
+        first: The first drive.
+        second: The second drive, described by the same method.
+        pairs: The path, at least one pair of frames of the whole drives.
+
+    Raises:
+        DescriptorsError: The descriptors are not of the same method and settings.
+    """
+    S = similarity(first.descriptors, second.descriptors)
+    rows, kept, back = np.unique(pairs[0] // first.stride, return_index=True, return_inverse=True)
+    unsure = rivals(contrast(S).scores, (rows, pairs[1][kept] // second.stride))
+    return JudgedPath(pairs, unsure[back], S, (first.stride, second.stride))
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,10 +225,6 @@ def rivals(scores: NDArray[np.float32], pairs: Assignment) -> NDArray[np.bool_]:
         mean[max(0, N - _APART) : N - 1 + _APART] = -np.inf
         unsure[k] = own <= max(float(mean.max()), 0.0)
     return unsure
-
-
-def _every(descriptors: Descriptors, stride: int) -> Descriptors:
-    return _some(descriptors, slice(None, None, stride)) if stride > 1 else descriptors
 
 
 def _some(descriptors: Descriptors, frames: slice) -> Descriptors:
