@@ -37,6 +37,7 @@ SUMMARY = "KAIST all-day: videos (.seq) or images of the same streets by day, ni
 
 _PAPER_CONDITIONS = frozenset({"day", "night", "sunset", "sunrise"})
 _PAPER_SEQUENCES, _PAPER_TRAINING, _PAPER_TEST = 6, 1600, 6400
+_PAPER_PROTOCOL = "KAIST, 1,600 training and 6,400 test places"
 _LICENCE = (
     "KAIST's multispectral data sets are for research only; cite Choi et al. (IEEE T-ITS 2018) or Hwang et al. (CVPR "
     "2015)."
@@ -50,7 +51,7 @@ class Options(SourceOptions):
         form: videos or images; by default images where they lie there.
         sequences: Which to take, such as set00/V000,set03; by default all.
         conditions: Conditions such as set00:day,set03/V001:night, or a CSV or TOML file of them.
-        every: Take every so many-th frame.
+        every: Take every so many-th frame, or place where sequences are aligned.
         align: gps or pairs: only frames of places that all sequences have, the same stem in all; by default
             every frame, and no stem in two sequences.
         reference: The sequence that the others are aligned with; by default the one with the fewest frames.
@@ -92,18 +93,19 @@ def read(source: Path, options: Options) -> ForeignRoute:
         else np.arange(len(sequence))
         for sequence in sequences
     }
-    chosen = {key: frames[:: options.every] for key, frames in chosen.items()}
     notes = [_LICENCE, *(note for sequence in sequences for note in sequence.notes)]
     notes += _notes_on_conditions(conditions) + _notes_on_positions(sequences, poses)
     if options.align:
         counts = {key: len(frames) for key, frames in chosen.items()}
         chosen = _aligned(sequences, chosen, poses, options)
         notes.append(_note_on_places(counts, chosen))
+    chosen = {key: frames[:: options.every] for key, frames in chosen.items()}
     if options.preset:
         chosen = _paper_places(source, chosen)
     return ForeignRoute(
         _traverses(sequences, conditions, chosen, poses, aligned=bool(options.align)),
         notes=tuple(notes),
+        protocol=_PAPER_PROTOCOL if options.preset else "",
     )
 
 
