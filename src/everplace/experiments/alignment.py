@@ -259,8 +259,11 @@ def _checked(alignment: Alignment, remedy: str) -> Alignment:
 
 
 def _warning(reference: str, name: str, path: JudgedPath) -> str:
+    remedy = "look at it with --picture FILE.png, or set pairs by hand"
+    if path.by_chance:
+        return f"the path of {name} along {reference} is hardly better than chance, so do not trust it: {remedy}"
     first = int(np.argmax(path.unsure))
     return (
         f"the path of {name} along {reference} is unsure at {int(path.unsure.sum())} of {len(path.unsure)} places, "
-        f"first at place {first}: look at it with --picture FILE.png, or set pairs by hand"
+        f"first at place {first} (it looks alike elsewhere, or one drive stood still): {remedy}"
     )

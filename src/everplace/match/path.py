@@ -24,6 +24,7 @@ __all__ = [
     "JudgedPath",
     "Thinned",
     "contrast",
+    "crooked",
     "find_path",
     "judge_path",
     "local_path",
@@ -43,6 +44,8 @@ _STEP_COST = 0.5
 
 _SEQUENCE = 11
 _APART = 10
+_BETTER_THAN_CHANCE = 2.0
+_CROOKED = 3.0
 _ROWS = 256
 
 _START, _DIAGONAL, _DOWN, _RIGHT = range(4)
@@ -78,7 +81,10 @@ class JudgedPath:
 
     Attributes:
         pairs: K indices into the first drive and K into the second; both increase strictly.
-        unsure: K bool, where another stretch of the second drive looks as much like the first's.
+        unsure: K bool, where another stretch of the second drive looks as much like the first's, or where one drive
+            moves and the other hardly does: it stood still, or the path is wrong.
+        by_chance: Whether the whole path is hardly better than what is found in the second drive backwards, where
+            there is none; then all of it is unsure.
         S: The similarity it was judged by: every `strides[0]`-th frame of the first drive against every
             `strides[1]`-th of the second.
         strides: See `S`; (1, 1) where both drives are short.
@@ -86,6 +92,7 @@ class JudgedPath:
 
     pairs: Assignment
     unsure: NDArray[np.bool_]
+    by_chance: bool
     S: NDArray[np.float32]
     strides: tuple[int, int]
 
@@ -108,8 +115,7 @@ def find_path(first: Descriptors, second: Descriptors) -> Assignment:
     coarse = thin(first), thin(second)
     strides = coarse[0].stride, coarse[1].stride
     whole = contrast(similarity(coarse[0].descriptors, coarse[1].descriptors))
-    cells = local_path((0, row) for row in whole.scores)
-    pairs = _one_to_one(cells, whole.scores[cells])
+    pairs = _best_pairs(whole.scores)
     if strides == (1, 1) or not len(pairs[0]):
         return pairs
     return _refine(first, second, (pairs[0] * strides[0], pairs[1] * strides[1]), whole, strides)
@@ -127,9 +133,14 @@ def judge_path(first: Thinned, second: Thinned, pairs: Assignment) -> JudgedPath
         DescriptorsError: The descriptors are not of the same method and settings.
     """
     S = similarity(first.descriptors, second.descriptors)
+    scores = contrast(S).scores
     rows, kept, back = np.unique(pairs[0] // first.stride, return_index=True, return_inverse=True)
-    unsure = rivals(contrast(S).scores, (rows, pairs[1][kept] // second.stride))
-    return JudgedPath(pairs, unsure[back], S, (first.stride, second.stride))
+    seen = rows, pairs[1][kept] // second.stride
+    backwards = np.ascontiguousarray(scores[:, ::-1])
+    chance = float(backwards[_best_pairs(backwards)].sum())
+    by_chance = float(scores[seen].sum()) < _BETTER_THAN_CHANCE * chance
+    unsure = rivals(scores, seen) | crooked(seen) | by_chance
+    return JudgedPath(pairs, unsure[back], by_chance, S, (first.stride, second.stride))
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,6 +238,30 @@ def rivals(scores: NDArray[np.float32], pairs: Assignment) -> NDArray[np.bool_]:
     return unsure
 
 
+def crooked(pairs: Assignment) -> NDArray[np.bool_]:
+    """Tells where a drive moves more than three times as far for the other's way as usual, or less than a third.
+
+    Args:
+        pairs: The path, K pairs.
+
+    Returns:
+        K bool; of 11 pairs around each.
+    """
+    rows, columns = pairs
+    k = np.arange(len(rows))
+    low, high = np.maximum(k - _SEQUENCE // 2, 0), np.minimum(k + _SEQUENCE // 2, len(k) - 1)
+    ways = (columns[high] - columns[low] + 1) / (rows[high] - rows[low] + 1)
+    usual = float(np.median(ways))
+    apart: NDArray[np.bool_] = np.abs(np.log(ways / usual)) > np.log(_CROOKED)
+    return apart
+
+
+def _best_pairs(scores: NDArray[np.float32]) -> Assignment:
+    """Finds the best path in a whole matrix, without a row or column twice."""
+    cells = local_path((0, row) for row in scores)
+    return _one_to_one(cells, scores[cells])
+
+
 def _some(descriptors: Descriptors, frames: slice) -> Descriptors:
     return replace(descriptors, values=descriptors.values[frames], names=descriptors.names[frames], variance=None)
 
@@ -249,8 +284,8 @@ def _refine(
             left, right = int(lows[block][0]), int(highs[block][-1])
             frames = slice(begin + block.start, begin + block.stop)
             S = similarity(_some(first, frames), _some(second, slice(left, right)))
-            S = (S - row_means[frames, None] - column_means[left:right]) / whole.deviation - _MARGIN
-            for row, low, high in zip(S, lows[block].tolist(), highs[block].tolist(), strict=True):
+            scores = (S - row_means[frames, None] - column_means[left:right]) / whole.deviation - _MARGIN
+            for row, low, high in zip(scores, lows[block].tolist(), highs[block].tolist(), strict=True):
                 yield low, row[low - left : high - left]
 
     kept: list[tuple[int, NDArray[np.floating]]] = []
