@@ -31,6 +31,7 @@ __all__ = [
     "MAX_FILE_BYTES",
     "MAX_PIXELS",
     "ImageSpec",
+    "decode_encoded",
     "decode_image",
     "decode_images",
     "read_image_bytes",
@@ -101,15 +102,26 @@ def decode_image(path: Path, spec: ImageSpec) -> NDArray[np.uint8]:
     Raises:
         ImageError: The file is missing, unreadable, truncated, broken, too large, or no image.
     """
-    data = read_image_bytes(path)
+    return decode_encoded(readable(path), read_image_bytes(path), spec)
+
+
+def decode_encoded(name: str, data: bytes, spec: ImageSpec) -> NDArray[np.uint8]:
+    """Decodes the content of an image file, from wherever it comes; see `decode_image`.
+
+    Args:
+        name: What to call it in messages.
+        data: The whole file.
+        spec: The wanted size and channels.
+
+    Raises:
+        ImageError: It is empty, truncated, broken, too large, or no image.
+    """
     if not data:
-        raise ImageError(f"{readable(path)} is empty (0 bytes); copy or export the frame again")
+        raise ImageError(f"{name} is empty (0 bytes); copy or export the frame again")
     try:
-        pixels = decode_bytes(readable(path), data, spec.size, grey=spec.grey)
+        pixels = decode_bytes(name, data, spec.size, grey=spec.grey)
     except BROKEN_IMAGE_ERRORS as error:
-        raise ImageError(
-            f"{readable(path)} is truncated or broken ({error}); copy or export the frame again"
-        ) from error
+        raise ImageError(f"{name} is truncated or broken ({error}); copy or export the frame again") from error
     if spec.size is not None:
         pixels = resize_image(pixels, spec.size)
     return pixels

@@ -61,7 +61,7 @@ def option_help(options: type[BaseModel]) -> dict[str, str]:
     """Returns what the docstring of an options class says about each option, with its default."""
     described: dict[str, str] = {}
     name = ""
-    for line in inspect.getdoc(options).splitlines() if options.__doc__ else []:
+    for line in (inspect.getdoc(options) or "").splitlines():
         match = _ATTRIBUTE.fullmatch("    " + line)
         if match is not None:
             name = match[1]
