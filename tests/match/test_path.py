@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from everplace.describe.descriptors import Descriptors
 from everplace.match import path as path_module
-from everplace.match.path import contrast, crooked, find_path, judge_path, local_path, rivals, thin, thinning
+from everplace.match.path import contrast, find_path, local_path, thin, thinning
 
 STEP_COST = 0.5
 SCORES = arrays(np.float64, st.tuples(st.integers(1, 6), st.integers(1, 6)), elements=st.floats(-4, 4, allow_nan=False))
@@ -124,60 +124,6 @@ def test_long_drives_are_searched_coarsely_and_then_in_a_band(monkeypatch: pytes
     assert (np.diff(j) > 0).all()
     assert len(i) > 180
     assert (np.abs(places[j] - i) <= 1).mean() > 0.97
-    judged = judge_path(thin(first), thin(second), (i, j))
-    assert judged.strides == (thinning(240), thinning(200))
-    assert len(judged.unsure) == len(i)
-
-
-def test_a_path_without_rivals_is_sure() -> None:
-    first, second = drives(np.arange(120), noise=0.5)
-    judged = judge_path(thin(first), thin(second), find_path(first, second))
-    assert not judged.unsure.any()
-
-
-def test_a_stretch_that_comes_twice_and_one_that_looks_like_nothing_are_unsure() -> None:
-    rng = np.random.default_rng(1)
-    world = rng.normal(size=(120, 64))
-    world[60:80] = world[20:40]
-    second = world + 0.3 * rng.normal(size=world.shape)
-    second[95:110] = rng.normal(size=(15, 64))
-    everywhere = np.arange(120)
-    judged = judge_path(thin(described(world)), thin(described(second)), (everywhere, everywhere))
-    assert judged.unsure[100:105].all()
-    assert judged.unsure[25:35].any() or judged.unsure[65:75].any()
-    assert not judged.unsure[np.r_[0:15, 45:55]].any()
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_path_through_a_drive_along_another_road_is_no_better_than_chance(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    # Neighbouring frames look alike, as they do on every road; that alone makes short paths.
-    roads = np.cumsum(rng.normal(size=(2, 150, 64)), axis=1)
-    first, second = (described(np.asarray(road - road.mean(axis=0))) for road in roads)
-    judged = judge_path(thin(first), thin(second), find_path(first, second))
-    assert judged.by_chance
-    assert judged.unsure.all()
-    own = judge_path(thin(first), thin(first), find_path(first, first))
-    assert not own.by_chance
-
-
-def test_a_path_is_crooked_where_one_drive_stands() -> None:
-    rows = np.arange(60)
-    columns = np.where(rows < 30, 2 * rows, 2 * rows + 80)
-    bent = crooked((rows, columns))
-    assert bent[28:32].all()
-    assert not bent[np.r_[0:24, 36:60]].any()
-    assert not crooked((rows, 5 * rows)).any()
-    assert crooked((np.array([4]), np.array([9]))).tolist() == [False]
-
-
-def test_rivals_of_a_single_pair() -> None:
-    scores = np.full((1, 40), -1, np.float32)
-    scores[0, 3] = 2
-    pair = (np.array([0]), np.array([3]))
-    assert not rivals(scores, pair)[0]
-    scores[0, 30] = 3
-    assert rivals(scores, pair)[0]
 
 
 def test_nothing_alike_gives_no_pairs_or_few() -> None:

@@ -22,7 +22,8 @@ from everplace.describe.pipeline import describe_traverse
 from everplace.describe.protocol import Describer
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.match.path import JudgedPath, Thinned, find_path, judge_path, thin, thinning
+from everplace.match.judgement import JudgedPath, judge_path
+from everplace.match.path import Thinned, find_path, thin, thinning
 from everplace.match.standardise import standardise
 from everplace.plots.canvas import new_figure
 from everplace.plots.path import draw_path

@@ -19,19 +19,7 @@ from everplace.data.alignment import Assignment, best_chain
 from everplace.describe.descriptors import Descriptors
 from everplace.match.similarity import similarity
 
-__all__ = [
-    "Contrast",
-    "JudgedPath",
-    "Thinned",
-    "contrast",
-    "crooked",
-    "find_path",
-    "judge_path",
-    "local_path",
-    "rivals",
-    "thin",
-    "thinning",
-]
+__all__ = ["Contrast", "Thinned", "best_pairs", "contrast", "find_path", "local_path", "thin", "thinning"]
 
 _MOST_FRAMES = 2048
 """A drive with more frames is first searched in every so many-th frame; 2,048 × 2,048 scores are 16 MiB."""
@@ -42,10 +30,6 @@ _MARGIN = 1.0
 _STEP_COST = 0.5
 """What a step that moves in one drive only costs, in standard deviations."""
 
-_SEQUENCE = 11
-_APART = 10
-_BETTER_THAN_CHANCE = 2.0
-_CROOKED = 3.0
 _ROWS = 256
 
 _START, _DIAGONAL, _DOWN, _RIGHT = range(4)
@@ -75,28 +59,6 @@ def thin(descriptors: Descriptors) -> Thinned:
     return Thinned(_some(descriptors, slice(None, None, stride)) if stride > 1 else descriptors, stride)
 
 
-@dataclass(frozen=True, eq=False)
-class JudgedPath:
-    """The frames of two drives that a path joins, and how sure it is.
-
-    Attributes:
-        pairs: K indices into the first drive and K into the second; both increase strictly.
-        unsure: K bool, where another stretch of the second drive looks as much like the first's, or where one drive
-            moves and the other hardly does: it stood still, or the path is wrong.
-        by_chance: Whether the whole path is hardly better than what is found in the second drive backwards, where
-            there is none; then all of it is unsure.
-        S: The similarity it was judged by: every `strides[0]`-th frame of the first drive against every
-            `strides[1]`-th of the second.
-        strides: See `S`; (1, 1) where both drives are short.
-    """
-
-    pairs: Assignment
-    unsure: NDArray[np.bool_]
-    by_chance: bool
-    S: NDArray[np.float32]
-    strides: tuple[int, int]
-
-
 def find_path(first: Descriptors, second: Descriptors) -> Assignment:
     """Finds which frames of two drives show the same places.
 
@@ -115,32 +77,10 @@ def find_path(first: Descriptors, second: Descriptors) -> Assignment:
     coarse = thin(first), thin(second)
     strides = coarse[0].stride, coarse[1].stride
     whole = contrast(similarity(coarse[0].descriptors, coarse[1].descriptors))
-    pairs = _best_pairs(whole.scores)
+    pairs = best_pairs(whole.scores)
     if strides == (1, 1) or not len(pairs[0]):
         return pairs
     return _refine(first, second, (pairs[0] * strides[0], pairs[1] * strides[1]), whole, strides)
-
-
-def judge_path(first: Thinned, second: Thinned, pairs: Assignment) -> JudgedPath:
-    """Tells how sure a path is, however it was found.
-
-    Args:
-        first: The first drive.
-        second: The second drive, described by the same method.
-        pairs: The path, at least one pair of frames of the whole drives.
-
-    Raises:
-        DescriptorsError: The descriptors are not of the same method and settings.
-    """
-    S = similarity(first.descriptors, second.descriptors)
-    scores = contrast(S).scores
-    rows, kept, back = np.unique(pairs[0] // first.stride, return_index=True, return_inverse=True)
-    seen = rows, pairs[1][kept] // second.stride
-    backwards = np.ascontiguousarray(scores[:, ::-1])
-    chance = float(backwards[_best_pairs(backwards)].sum())
-    by_chance = float(scores[seen].sum()) < _BETTER_THAN_CHANCE * chance
-    unsure = rivals(scores, seen) | crooked(seen) | by_chance
-    return JudgedPath(pairs, unsure[back], by_chance, S, (first.stride, second.stride))
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +110,19 @@ def contrast(S: NDArray[np.float32]) -> Contrast:
     scores = (S - rows[:, None] - columns).astype(np.float32)
     deviation = float(scores.std(dtype=np.float64)) or 1.0
     return Contrast(scores / np.float32(deviation) - np.float32(_MARGIN), rows, columns, deviation)
+
+
+def best_pairs(scores: NDArray[np.float32]) -> Assignment:
+    """Finds the best path in a whole matrix, without a row or column twice.
+
+    Args:
+        scores: M×N from `contrast`.
+
+    Returns:
+        K rows and K columns.
+    """
+    cells = local_path((0, row) for row in scores)
+    return _one_to_one(cells, scores[cells])
 
 
 def local_path(rows: Iterable[tuple[int, NDArray[np.floating]]]) -> Assignment:
@@ -207,59 +160,6 @@ def local_path(rows: Iterable[tuple[int, NDArray[np.floating]]]) -> Assignment:
             best, end = float(total.max()), (i, start + int(total.argmax()))
         above, above_start = total, start
     return _walk_back(steps, end)
-
-
-def rivals(scores: NDArray[np.float32], pairs: Assignment) -> NDArray[np.bool_]:
-    """Tells where a path is unsure: a sequence of frames matches another stretch as well as its own.
-
-    Around each pair the mean score of 11 pairs is compared with the same path shifted by 10 columns and more, as
-    SeqSLAM judges its matches (Milford and Wyeth, ICRA 2012).
-
-    Args:
-        scores: M×N from `contrast`.
-        pairs: The path, K pairs.
-
-    Returns:
-        K bool.
-    """
-    rows, columns = pairs
-    K, N = len(rows), scores.shape[1]
-    half = min(_SEQUENCE, K) // 2
-    # Column N - 1 + d of `shifted` is the path shifted by d columns.
-    shifted = np.full((K, 2 * N - 1), -np.inf, np.float32)
-    for k, (i, j) in enumerate(zip(rows.tolist(), columns.tolist(), strict=True)):
-        shifted[k, N - 1 - j : 2 * N - 1 - j] = scores[i]
-    unsure = np.zeros(K, np.bool_)
-    for k in range(K):
-        mean = shifted[max(0, k - half) : k + half + 1].mean(axis=0)
-        own = mean[N - 1]
-        mean[max(0, N - _APART) : N - 1 + _APART] = -np.inf
-        unsure[k] = own <= max(float(mean.max()), 0.0)
-    return unsure
-
-
-def crooked(pairs: Assignment) -> NDArray[np.bool_]:
-    """Tells where a drive moves more than three times as far for the other's way as usual, or less than a third.
-
-    Args:
-        pairs: The path, K pairs.
-
-    Returns:
-        K bool; of 11 pairs around each.
-    """
-    rows, columns = pairs
-    k = np.arange(len(rows))
-    low, high = np.maximum(k - _SEQUENCE // 2, 0), np.minimum(k + _SEQUENCE // 2, len(k) - 1)
-    ways = (columns[high] - columns[low] + 1) / (rows[high] - rows[low] + 1)
-    usual = float(np.median(ways))
-    apart: NDArray[np.bool_] = np.abs(np.log(ways / usual)) > np.log(_CROOKED)
-    return apart
-
-
-def _best_pairs(scores: NDArray[np.float32]) -> Assignment:
-    """Finds the best path in a whole matrix, without a row or column twice."""
-    cells = local_path((0, row) for row in scores)
-    return _one_to_one(cells, scores[cells])
 
 
 def _some(descriptors: Descriptors, frames: slice) -> Descriptors:
