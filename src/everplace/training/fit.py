@@ -21,7 +21,7 @@ from torch.utils.data import DataLoader
 
 from everplace.data.images import usable_cores
 from everplace.data.route import Route
-from everplace.errors import ConfigError
+from everplace.errors import ConfigError, RouteError
 from everplace.model.architecture import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.progress import Progress, quiet
