@@ -6,7 +6,15 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from everplace.model.architecture import ConditionVAE, Encoder, PlaceHead, feature_map, hidden_widths
+from everplace.model.architecture import (
+    ConditionVAE,
+    Encoder,
+    InstanceBatchNorm2d,
+    PlaceHead,
+    feature_map,
+    hidden_widths,
+    strides,
+)
 from everplace.model.config import MODEL_KINDS, ModelConfig, ModelKind
 
 CONDITIONS = ("summer", "winter")
@@ -102,14 +110,41 @@ def test_a_32_by_64_image_keeps_a_4_by_8_map_and_starts_the_chain_at_2048() -> N
         shapes = shapes_of([*encoder.convolutions, *encoder.fully_connected], encoder, torch.empty(1, 1, 32, 64))
     assert shapes == [
         (32, 16, 32),
+        (64, 16, 32),
         (64, 8, 16),
-        (64, 4, 8),
-        (128, 4, 8),
+        (128, 8, 16),
         (128, 4, 8),
         (2048,),
         (1024,),
         (512,),
     ]
+
+
+@pytest.mark.parametrize(
+    ("size", "expected"),
+    [((32, 64), (2, 1, 2, 1, 2)), ((64, 64), (2, 1, 2, 2, 2)), ((128, 256), (2, 2, 2, 2, 2))],
+)
+def test_layers_at_full_size_stand_between_the_halvings(size: tuple[int, int], expected: tuple[int, ...]) -> None:
+    assert strides(*size) == expected
+
+
+def test_half_of_the_channels_forget_brightness_and_contrast_and_half_keep_them() -> None:
+    layer = InstanceBatchNorm2d(6).eval()
+    images = torch.rand(4, 6, 8, 8, generator=torch.Generator().manual_seed(1))
+    with torch.no_grad():
+        plain, changed = layer(images), layer(0.5 * images + 0.3)
+    torch.testing.assert_close(changed[:, :3], plain[:, :3], atol=1e-3, rtol=0.0)
+    assert (changed[:, 3:] - plain[:, 3:]).abs().mean() > 0.1
+    alone = torch.cat([layer(image[None]) for image in images])
+    torch.testing.assert_close(alone, plain)
+
+
+def test_the_chain_starts_from_orthogonal_matrices() -> None:
+    model = small_model("vae")
+    model.initialise()
+    for layer in (*model.encoder.fully_connected.modules(), model.encoder.z_mean):
+        if isinstance(layer, nn.Linear):
+            torch.testing.assert_close(layer.weight @ layer.weight.T, torch.eye(layer.out_features), atol=1e-4, rtol=0)
 
 
 @pytest.mark.parametrize("channels", [1, 3])

@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,6 +70,7 @@ def test_a_run_leaves_checkpoint_configuration_and_metrics(
     checkpoint = load_checkpoint(out)
     assert checkpoint.about == {
         "recipe": "faithful",
+        "remedies": "",
         "seed": 0,
         "epoch": summary.best_epoch,
         "criterion": "held_out_recall_at_1",
@@ -113,6 +115,45 @@ def test_the_same_seed_gives_the_same_weights_and_leaves_random_numbers_alone(
     assert torch.equal(torch.random.get_rng_state(), state)
     first, again = (load_checkpoint(where).model.state_dict() for where in (out, tmp_path / "again"))
     assert all(torch.equal(first[name], again[name]) for name in first)
+
+
+def test_the_best_recipe_is_trained_named_and_resumed_to_the_same_weights(
+    route: Route, make_config: MakeConfig, tmp_path: Path
+) -> None:
+    config = make_config(recipe="best", epochs=2)
+    summary = train(route, config, tmp_path / "whole", save_every=0)
+    metrics = read_metrics(tmp_path / "whole")
+    assert (metrics["contrastive"] < 0).all()
+    assert np.isnan(metrics["place"]).all()
+    checkpoint = load_checkpoint(tmp_path / "whole")
+    assert "contrastive term" in str(checkpoint.about["remedies"])
+    assert checkpoint.model.place_head is None
+    assert not list(checkpoint.model.encoder.fully_connected)
+    assert summary.frames == 16
+    # Stopped after the first epoch and gone on with.
+    stopped = tmp_path / "stopped"
+
+    class StopError(Exception):
+        pass
+
+    def stop(done: int) -> None:
+        if done:
+            raise StopError
+
+    keep = fit.RunKeeper.on_train_epoch_end
+    with pytest.MonkeyPatch.context() as patch:
+
+        def end_early(self: fit.RunKeeper, trainer: Any, module: Any) -> None:
+            keep(self, trainer, module)
+            stop(self.progress.epoch)
+
+        patch.setattr(fit.RunKeeper, "on_train_epoch_end", end_early)
+        with pytest.raises(StopError):
+            train(route, config, stopped, save_every=0)
+    train(route, config, stopped, resume=True, save_every=0)
+    again = load_checkpoint(stopped).model.state_dict()
+    for name, value in checkpoint.model.state_dict().items():
+        assert torch.equal(value, again[name]), name
 
 
 def test_nothing_is_printed_on_stdout(
@@ -210,7 +251,14 @@ def test_a_block_that_collapses_is_warned_of_once(
 ) -> None:
     weights = {"beta_place": 1e9, "beta_condition": 0.0, "place": 0.0}
     config = make_config(
-        model=model, weights=weights, warmup_epochs=0.0, epochs=8, batch_size=4, validate_every=8, learning_rate=2e-3
+        model=model,
+        weights=weights,
+        warmup_epochs=0.0,
+        epochs=16,
+        batch_size=4,
+        validate_every=16,
+        learning_rate=1e-2,
+        fully_connected_rate=1.0,
     )
     with pytest.warns(CollapseWarning) as caught:
         train(route, config, tmp_path / "run")

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Optional
 
 import typer
 
-from everplace.cli import data_fetch, data_inspect
+from everplace.cli import data_fetch, data_import, data_inspect
 from everplace.cli.options import Grey, ImageSize, Json, OutDirectory, RouteArgument
 from everplace.cli.output import show_progress, show_result
 
@@ -16,10 +16,11 @@ __all__ = ["register"]
 
 def register(app: typer.Typer) -> None:
     """Adds the sub-commands."""
-    data = typer.Typer(help="Fetch, render, look at and pack routes.", no_args_is_help=True)
+    data = typer.Typer(help="Fetch, import, render, look at and pack routes.", no_args_is_help=True)
     data.command("render")(render)
     data.command("pack")(pack)
     data_fetch.register(data)
+    data_import.register(data)
     data_inspect.register(data)
     app.add_typer(data, name="data")
 

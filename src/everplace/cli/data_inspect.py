@@ -66,6 +66,7 @@ def _result(route: Route, found: Inspection, shown: int | None) -> dict[str, Any
         "shared_places": len(found.places),
         "tolerance": route.tolerance,
         "radius": route.radius,
+        "protocol": route.protocol,
         "dark_places": int(found.dark.sum()),
         "stationary_places": int(found.stationary.sum()),
         "unreadable_places": int(found.broken.sum()),

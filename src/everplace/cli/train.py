@@ -46,7 +46,9 @@ def train(
     epochs: Epochs = None,
     minutes: Minutes = None,
     seed: Seed = None,
-    recipe: Annotated[str, typer.Option("--recipe", help="faithful: the paper's bound alone.")] = "",
+    recipe: Annotated[
+        str, typer.Option("--recipe", help="faithful: the paper's bound alone; best: CP-VAE with remedies.")
+    ] = "",
     config: Annotated[
         Optional[Path],  # noqa: UP045
         typer.Option("--config", metavar="FILE.toml", help="Settings; options given beside it count more."),

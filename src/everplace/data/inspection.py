@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.data.image_formats import image_size
-from everplace.data.images import decode_image_bytes, map_ahead, read_image_bytes
+from everplace.data.images import decode_encoded, map_ahead, read_image_bytes
 from everplace.data.natural_order import natural_sorted
 from everplace.data.numbering import Gap, find_gaps
 from everplace.data.route import Route
@@ -174,7 +174,7 @@ class _Looks:
 def _look_at(path: Path) -> _Look:
     try:
         data = read_image_bytes(path)
-        pixels = decode_image_bytes(readable(path), data, FILTER_IMAGE)
+        pixels = decode_encoded(readable(path), data, FILTER_IMAGE)
     except ImageError as error:
         return _Look(bytes(_DIGEST_BYTES), 0, (0, 0), np.zeros((_HEIGHT, _WIDTH, 1), dtype=np.uint8), str(error))
     digest = hashlib.sha256(data).digest()[:_DIGEST_BYTES]

@@ -23,7 +23,9 @@ class ModelConfig(BaseModel):
         width: Image width W in pixels, a multiple of 32.
         channels: 3 for RGB, 1 for grey.
         conditions: Names of the conditions, in the order of the condition head's classes.
-        places: Number of training places, the classes of the place head (`cp-vae` only, else 0).
+        places: Number of training places, the classes of the place head (`cp-vae` only, else 0; 0 too where a
+            contrastive term stands in for the classes).
+        fully_connected: Table 1's chain of fully connected layers; without it z is read off the feature map.
         place_dimensions: Size of z_p, the condition-invariant block (the paper: 96).
         condition_dimensions: Size of z_c, the condition-sensitive block (the paper: 32).
     """
@@ -36,6 +38,7 @@ class ModelConfig(BaseModel):
     channels: Literal[1, 3] = 3
     conditions: tuple[str, ...] = ()
     places: Annotated[int, Field(ge=0)] = 0
+    fully_connected: bool = True
     place_dimensions: PositiveInt = 96
     condition_dimensions: PositiveInt = 32
 
@@ -48,7 +51,7 @@ class ModelConfig(BaseModel):
             )
         if self.kind != "vae" and len(self.conditions) < 2:
             raise ValueError(f"{self.kind} needs at least two conditions to tell apart, not {len(self.conditions)}")
-        if self.kind == "cp-vae" and self.places < 2:
+        if self.kind == "cp-vae" and self.places == 1:
             raise ValueError(f"cp-vae needs at least two places to tell apart, not {self.places}")
         return self
 

@@ -10,6 +10,7 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from everplace.data.augment import Augmentation
+from everplace.data.virtual_places import VirtualPlaces
 from everplace.errors import ConfigError
 from everplace.files import readable, write_text
 from everplace.model.config import ModelKind
@@ -19,7 +20,16 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["CONFIG_FILE", "DEFAULT_EPOCHS", "TermWeights", "TrainConfig", "read_toml", "recipe", "write_config"]
+__all__ = [
+    "CONFIG_FILE",
+    "DEFAULT_EPOCHS",
+    "Remedies",
+    "TermWeights",
+    "TrainConfig",
+    "read_toml",
+    "recipe",
+    "write_config",
+]
 
 CONFIG_FILE = "config.toml"
 DEFAULT_EPOCHS = 40
@@ -50,12 +60,27 @@ class TermWeights(_Section):
     beta_condition: NonNegative = 1.0
 
 
+class Remedies(_Section):
+    """What the paper's bound does not have; all of it is off in the recipe `faithful`.
+
+    Attributes:
+        contrastive: Weight of a contrastive place term between the conditions (InfoNCE on the means of z_p).
+        temperature: Of the contrastive term.
+        virtual: Virtual places for the contrastive term; they have no class, so they need `weights.place = 0`.
+    """
+
+    contrastive: NonNegative = 0.0
+    temperature: Positive = 0.1
+    virtual: VirtualPlaces = VirtualPlaces()
+
+
 class TrainConfig(_Section):
     """Everything that decides the outcome of a run, beside the images.
 
     Attributes:
         model: `vae`, `c-vae` or `cp-vae`.
-        recipe: Name of the recipe that gave the defaults; `faithful` is the paper's bound alone.
+        recipe: Name of the recipe that gave the defaults; `faithful` is the paper's bound alone, `best` (CP-VAE only)
+            adds remedies.
         conditions: Traverses or conditions to train on; empty: all of the route.
         frames: `A:B`, as `--frames`; empty: all.
         drop_dark: Leave out dark places.
@@ -67,9 +92,13 @@ class TrainConfig(_Section):
         seed: Of weights, order, noise and augmentation.
         batch_size: Frames in one step, over all devices.
         learning_rate: At its highest; it warms up and then falls along a cosine.
+        fully_connected_rate: Learning rate of the fully connected chains, as a fraction of the others'. A step of
+            Adam changes what a layer computes the more, the more inputs it has (Yang et al. 2022).
         weight_decay: Of AdamW.
         warmup_epochs: Epochs over which the KL weights rise from 0 to theirs.
         weights: Weights of the bound's terms.
+        remedies: What the paper's bound does not have.
+        fully_connected: Table 1's chain of fully connected layers; without it z is read off the feature map.
         place_spread: Standard deviation, in places, of the softened place target; 0: one class a frame.
         augmentation: How much training images are changed.
         held_out: Fraction of the training places, at their end, kept out of the gradient to choose the epoch.
@@ -79,7 +108,7 @@ class TrainConfig(_Section):
     """
 
     model: ModelKind
-    recipe: Literal["faithful"] = "faithful"
+    recipe: Literal["faithful", "best"] = "faithful"
     conditions: tuple[str, ...] = ()
     frames: str = ""
     drop_dark: bool = False
@@ -91,9 +120,12 @@ class TrainConfig(_Section):
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
     batch_size: Annotated[int, Field(ge=2)] = 32
     learning_rate: Positive = 1e-3
+    fully_connected_rate: Positive = 0.1
     weight_decay: NonNegative = 0.0
     warmup_epochs: NonNegative = 5.0
     weights: TermWeights = TermWeights()
+    remedies: Remedies = Remedies()
+    fully_connected: bool = True
     place_spread: NonNegative = 0.0
     augmentation: Augmentation = Augmentation()
     held_out: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
@@ -117,6 +149,35 @@ class TrainConfig(_Section):
             raise ValueError("give exactly one of epochs and minutes")
         return self
 
+    @model_validator(mode="after")
+    def _places_have_a_term(self) -> TrainConfig:
+        remedies = self.remedies
+        if remedies.contrastive and self.model != "cp-vae":
+            raise ValueError(f"remedies.contrastive needs place labels, which {self.model} does not use; set it to 0")
+        if remedies.virtual != VirtualPlaces() and (self.weights.place or not remedies.contrastive):
+            raise ValueError(
+                "remedies.virtual makes places without a class; set weights.place to 0 and remedies.contrastive above 0"
+            )
+        return self
+
+    @property
+    def has_place_classes(self) -> bool:
+        """Whether the model tells the training places apart as classes, which virtual places have none of."""
+        return self.model == "cp-vae" and self.remedies.virtual == VirtualPlaces()
+
+    def remedies_in_use(self) -> list[str]:
+        """What this configuration has that the paper's model has not, in words; empty for a faithful one."""
+        remedies, virtual = self.remedies, self.remedies.virtual
+        named = {
+            f"contrastive term (temperature {remedies.temperature:g})": bool(remedies.contrastive),
+            f"virtual places (crop {virtual.crop:g}, mirror {virtual.mirror:g}, join {virtual.join:g})": (
+                virtual != VirtualPlaces()
+            ),
+            "no place classes": self.model == "cp-vae" and not self.has_place_classes,
+            "no fully connected chain": not self.fully_connected,
+        }
+        return [name for name, used in named.items() if used]
+
     @classmethod
     def build(cls, /, **values: Any) -> TrainConfig:
         """Makes a configuration from a recipe's defaults and the values given over them.
@@ -134,7 +195,11 @@ class TrainConfig(_Section):
             first = error.errors()[0]
             where = ".".join(str(part) for part in first["loc"]) or "configuration"
             message = first["msg"].removeprefix("Value error, ")
-            sections: dict[Any, type[BaseModel]] = {"weights": TermWeights, "augmentation": Augmentation}
+            sections: dict[Any, type[BaseModel]] = {
+                "weights": TermWeights,
+                "augmentation": Augmentation,
+                "remedies": Remedies,
+            }
             section = sections.get(first["loc"][0], cls) if len(first["loc"]) > 1 else cls
             known = f"; known are {', '.join(section.model_fields)}" if first["type"] == "extra_forbidden" else ""
             raise ConfigError(f"{where}: {message}{known}") from None
@@ -146,19 +211,30 @@ def recipe(model: str, name: str) -> dict[str, Any]:
     Raises:
         ConfigError: There is no recipe of that name.
     """
-    if name != "faithful":
-        raise ConfigError(f"--recipe {name!r} does not exist; choose faithful")
+    if name not in ("faithful", "best"):
+        raise ConfigError(f"--recipe {name!r} does not exist; choose faithful or best")
+    if name == "best" and model != "cp-vae":
+        raise ConfigError(f"--recipe best is a recipe of cp-vae, not of {model}; choose faithful")
     defaults: dict[str, Any] = {
         "recipe": name,
         "batch_size": 64,
         "weight_decay": 0.1,
-        "augmentation": {"shift": 0.02, "crop": 0.03, "brightness": 0.18, "contrast": 0.35},
+        "augmentation": {"shift": 0.03, "crop": 0.03, "brightness": 0.18, "contrast": 0.35},
     }
     if model == "c-vae":
         defaults["weights"] = {"condition": 100.0}
     if model == "cp-vae":
         defaults["weights"] = {"condition": 100.0, "place": 5000.0}
-    return defaults
+    return {**defaults, **_BEST} if name == "best" else defaults
+
+
+_BEST: dict[str, Any] = {
+    "batch_size": 128,
+    "weights": {"condition": 100.0, "place": 0.0},
+    "remedies": {"contrastive": 5000.0, "virtual": {"crop": 0.3, "mirror": 0.5, "join": 0.5}},
+    "fully_connected": False,
+    "fully_connected_rate": 1.0,
+}
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import math
 import time
 from collections import defaultdict
 from collections.abc import Mapping
+from itertools import groupby
 from typing import Any
 
 import lightning
@@ -28,6 +29,7 @@ from everplace.model.bounds import (
 )
 from everplace.model.images import to_input
 from everplace.model.posterior import ACTIVE_ABOVE
+from everplace.model.remedies import info_nce
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch
 
@@ -131,8 +133,14 @@ class BoundModule(lightning.LightningModule):
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """AdamW, with the moments of an earlier process if the run is resumed."""
+        chains = {id(parameter) for chain in self.model.fully_connected for parameter in chain.parameters()}
+        # In the model's order, by which the moments of a stopped run are kept.
+        groups: list[dict[str, Any]] = [
+            {"params": list(parameters), "share": self.config.fully_connected_rate if in_chain else 1.0}
+            for in_chain, parameters in groupby(self.parameters(), lambda parameter: id(parameter) in chains)
+        ]
         optimizer = torch.optim.AdamW(
-            self.parameters(), lr=self.config.learning_rate, weight_decay=self.config.weight_decay, fused=True
+            groups, lr=self.config.learning_rate, weight_decay=self.config.weight_decay, fused=True
         )
         if self._optimizer_state is not None:
             groups = optimizer.state_dict()["param_groups"]
@@ -167,7 +175,7 @@ class BoundModule(lightning.LightningModule):
         warm = min(1.0, (progress + 1e-3) / _WARMUP)
         rate = self.config.learning_rate * warm * 0.5 * (1.0 + math.cos(math.pi * progress))
         for group in self.trainer.optimizers[0].param_groups:
-            group["lr"] = rate
+            group["lr"] = rate * group["share"]
         if self.config.minutes is not None and progress >= 1.0:
             self.trainer.should_stop = True
 
@@ -191,7 +199,13 @@ class BoundModule(lightning.LightningModule):
             (batch.conditions, self._place_target(batch)),
             self._weights(batch_idx),
         )
-        loss = -terms["bound"].mean() / images[0].numel()
+        objective = terms["bound"].mean()
+        remedies = self.config.remedies
+        if remedies.contrastive:
+            z_p = self.model.split.z_p(output.posterior.mean)
+            terms["contrastive"] = info_nce(z_p[0::2], z_p[1::2], remedies.temperature)
+            objective = objective + remedies.contrastive * terms["contrastive"].mean()
+        loss = -objective / images[0].numel()
         if not torch.isfinite(loss):
             self.require_finite({**terms, "loss": loss})
         self._remember(terms, images, output)
