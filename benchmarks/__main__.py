@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import describing, fabmap, memory, training
+from benchmarks import describing, fabmap, memory, opening, training
 from benchmarks.ratio import Ratio
 
 STUDIES = {
@@ -18,6 +18,7 @@ STUDIES = {
     "describing": describing.measure,
     "memory": memory.measure,
     "fabmap": fabmap.measure,
+    "opening": opening.measure,
 }
 
 
