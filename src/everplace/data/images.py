@@ -31,6 +31,7 @@ __all__ = [
     "MAX_PIXELS",
     "ImageSpec",
     "decode_image",
+    "decode_image_bytes",
     "decode_images",
     "read_image_bytes",
     "resize_image",
@@ -87,11 +88,27 @@ def decode_image(path: Path, spec: ImageSpec) -> NDArray[np.uint8]:
     Raises:
         ImageError: The file is missing, unreadable, truncated, broken, too large, or no image.
     """
-    data = read_image_bytes(path)
+    return decode_image_bytes(readable(path), read_image_bytes(path), spec)
+
+
+def decode_image_bytes(name: str, data: bytes, spec: ImageSpec) -> NDArray[np.uint8]:
+    """Decodes the content of an image file, wherever it comes from; as `decode_image`.
+
+    Args:
+        name: What to call the image in messages.
+        data: The whole file.
+        spec: The wanted size and channels.
+
+    Returns:
+        H×W×C uint8, C = 1 (grey) or 3 (RGB), C-contiguous and writable.
+
+    Raises:
+        ImageError: It is empty, truncated, broken, too large, or no image.
+    """
     if not data:
-        raise ImageError(f"{readable(path)} is empty (0 bytes); copy or export the frame again")
+        raise ImageError(f"{name} is empty (0 bytes); copy or export the frame again")
     try:
-        pixels = decode_bytes(readable(path), data, spec.size, grey=spec.grey)
+        pixels = decode_bytes(name, data, spec.size, grey=spec.grey)
     # What Pillow's readers raise on broken bytes: OSError and EOFError where they end too early, SyntaxError
     # for broken PNG chunks, the others for header fields without sense.
     except (
@@ -105,7 +122,7 @@ def decode_image(path: Path, spec: ImageSpec) -> NDArray[np.uint8]:
         struct.error,
     ) as error:
         raise ImageError(
-            f"{readable(path)} is truncated or broken ({error}); copy or export the frame again"
+            f"{name} is truncated or broken ({error}); copy or export the frame again"
         ) from error
     if spec.size is not None:
         pixels = resize_image(pixels, spec.size)
