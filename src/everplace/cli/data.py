@@ -7,6 +7,7 @@ from typing import Annotated, Any, Optional
 
 import typer
 
+from everplace.cli import data_import
 from everplace.cli.options import Grey, ImageSize, Json, OutDirectory, RouteArgument
 from everplace.cli.output import show_progress, show_result
 
@@ -15,10 +16,11 @@ __all__ = ["register"]
 
 def register(app: typer.Typer) -> None:
     """Adds the sub-commands."""
-    data = typer.Typer(help="Render, look at and pack routes.", no_args_is_help=True)
+    data = typer.Typer(help="Import, render, look at and pack routes.", no_args_is_help=True)
     data.command("render")(render)
     data.command("inspect")(inspect)
     data.command("pack")(pack)
+    data_import.register(data)
     app.add_typer(data, name="data")
 
 
@@ -76,6 +78,7 @@ def inspect(
             "shared_places": len(opened.shared_stems()),
             "tolerance": opened.tolerance,
             "radius": opened.radius,
+            "protocol": opened.protocol,
             "traverses": traverses,
         },
         as_json,

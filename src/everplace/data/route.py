@@ -26,12 +26,14 @@ class Route:
         traverses: In natural order of their names.
         tolerance: Frames by which a match may be off, if route.toml says so.
         radius: Metres by which a match may be off, if route.toml says so.
+        protocol: The published protocol that chose the frames, if route.toml names one.
     """
 
     root: Path
     traverses: tuple[Traverse, ...]
     tolerance: int | None = None
     radius: float | None = None
+    protocol: str | None = None
 
     @property
     def name(self) -> str:
@@ -141,7 +143,7 @@ def open_route(path: str | os.PathLike[str]) -> Route:
     root = Path(path)
     settings = read_route_toml(root)
     traverses = read_traverses(root, settings)
-    return Route(root, traverses, tolerance=settings.tolerance, radius=settings.radius)
+    return Route(root, traverses, tolerance=settings.tolerance, radius=settings.radius, protocol=settings.protocol)
 
 
 def _restrict(traverse: Traverse, wanted: frozenset[str]) -> Traverse:

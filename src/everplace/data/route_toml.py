@@ -5,6 +5,7 @@ All of it is optional:
     tolerance = 1                   # frames: up to here two places count as the same
     radius = 25.0                   # or metres, where there are poses
     ignore = ["thumbnails"]         # sub-directories that are no traverses
+    protocol = "olid"               # the published protocol that chose the frames, to be named in results
 
     [traverses.jan14]
     condition = "winter"            # default: the traverse's name
@@ -58,6 +59,7 @@ class RouteToml(BaseModel):
         tolerance: Frames by which a match may be off; None: not said.
         radius: Metres by which a match may be off; None: not said. Not beside `tolerance`.
         ignore: Names of sub-directories that are no traverses.
+        protocol: The published protocol that chose the frames; None: none.
         traverses: What is said about single traverses, by name.
     """
 
@@ -66,6 +68,7 @@ class RouteToml(BaseModel):
     tolerance: Annotated[int, Field(ge=0)] | None = None
     radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     ignore: tuple[_Text, ...] = Field(default=(), strict=False)
+    protocol: _Text | None = None
     traverses: dict[str, TraverseToml] = {}
 
     @model_validator(mode="after")

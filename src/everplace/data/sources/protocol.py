@@ -74,12 +74,14 @@ class ForeignRoute:
         tolerance: Frames by which a match may be off, if the data set's protocol says so.
         radius: Metres by which a match may be off, if it says so; not beside `tolerance`.
         notes: Sentences that the user should read: what was left out and why, licence, protocol.
+        protocol: The published protocol that chose the frames and the tolerance; empty: none.
     """
 
     traverses: Iterator[ForeignTraverse]
     tolerance: int | None = None
     radius: float | None = None
     notes: tuple[str, ...] = ()
+    protocol: str = ""
 
 
 class SourceOptions(BaseModel):
