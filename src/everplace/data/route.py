@@ -11,6 +11,7 @@ from everplace.data.natural_order import natural_key
 from everplace.data.route_toml import read_route_toml
 from everplace.data.sources.folder import read_traverses
 from everplace.data.traverse import Frame, Pose, Traverse
+from everplace.data.truth import TruthTable
 from everplace.errors import RouteError
 from everplace.files import readable
 
@@ -26,6 +27,7 @@ class Route:
         traverses: In natural order of their names.
         tolerance: Frames by which a match may be off, if route.toml says so.
         radius: Metres by which a match may be off, if route.toml says so.
+        truth: Which frames show the same place, if route.toml names a file of pairs.
         protocol: The published protocol that chose the frames, if route.toml names one.
     """
 
@@ -33,6 +35,7 @@ class Route:
     traverses: tuple[Traverse, ...]
     tolerance: int | None = None
     radius: float | None = None
+    truth: TruthTable | None = None
     protocol: str | None = None
 
     @property
@@ -49,6 +52,11 @@ class Route:
     def aligned(self) -> bool:
         """Whether the traverses share at least one stem."""
         return bool(self._common())
+
+    @property
+    def matched_by_stem(self) -> bool:
+        """Whether frames are the same place by their stems, and neither by their poses nor by a file of pairs."""
+        return self.radius is None and self.truth is None
 
     def __getitem__(self, name: str) -> Traverse:
         """Returns the traverse of this name, or else the only one under this condition.
@@ -137,13 +145,22 @@ def open_route(path: str | os.PathLike[str]) -> Route:
         stems.
 
     Raises:
-        RouteError: The directory is not a route (see `sources.folder.read_traverses`).
+        RouteError: The directory is not a route (see `sources.folder.read_traverses`), or lacks the file of
+            pairs that its route.toml names.
         ConfigError: Its route.toml is wrong.
     """
     root = Path(path)
     settings = read_route_toml(root)
     traverses = read_traverses(root, settings)
-    return Route(root, traverses, tolerance=settings.tolerance, radius=settings.radius, protocol=settings.protocol)
+    truth = None if settings.truth is None else TruthTable(root / settings.truth, traverses)
+    return Route(
+        root,
+        traverses,
+        tolerance=settings.tolerance,
+        radius=settings.radius,
+        truth=truth,
+        protocol=settings.protocol,
+    )
 
 
 def _restrict(traverse: Traverse, wanted: frozenset[str]) -> Traverse:

@@ -53,6 +53,7 @@ class Comparison:
             "places": len(self.route.traverses[0]),
             "tolerance": self.truth.tolerance,
             "radius": self.truth.radius,
+            "truth": self.truth.pairs,
             "standardise": self.matching.standardise,
             "sequence": self.matching.sequence,
             "pairs": [

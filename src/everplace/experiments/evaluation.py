@@ -70,6 +70,7 @@ class Evaluation:
             **scores,
             "tolerance": self.truth.tolerance,
             "radius": self.truth.radius,
+            "truth": self.truth.pairs,
             "standardise": self.matching.standardise,
             "sequence": self.matching.sequence,
             "dimension": self.result.dimension,
@@ -116,10 +117,11 @@ def seen_places(describer: Describer, route: Route) -> int:
 
 
 def audit_pair(describer: Describer, route: Route, truth: Truth, progress: Progress = quiet) -> Audit | None:
-    """The leakage audit on all traverses of a route; None where it has no meaning."""
-    few = len(route.traverses) < 2 or len(route.traverses[0]) < 4
-    if not isinstance(describer, VAEDescriber) or not route.aligned or few:
+    """The leakage audit on the places that all traverses of a route share; None where it has no meaning."""
+    shared = route.shared_stems()
+    if not isinstance(describer, VAEDescriber) or len(route.traverses) < 2 or len(shared) < 4:
         return None
+    route = route.at(shared)
     spec: ImageSpec = describer.image
     pixels = [pack(traverse, spec, progress=progress).pixels for traverse in route.traverses]
     return audit(
@@ -213,6 +215,7 @@ def audit_section(section: Section, audits: dict[str, Audit]) -> None:
 def model_section(section: Section, describer: VAEDescriber, route: Route, out: Path, prefix: str = "") -> None:
     """Figures 6 to 9 of the paper for a model and a route; the pictures also go into `out`."""
     model = describer.checkpoint.model
+    route = route.at(route.shared_stems())
     swap, constant = swap_figure(model, route), constant_figure(model, route)
     save_figure(swap, out / f"{prefix}swap.png")
     save_figure(constant, out / f"{prefix}constant.png")

@@ -52,8 +52,9 @@ def fit_and_open(
         raise ConfigError("--methods names no method; give run directories, sad, hog, ..., separated by commas")
     if fit_frames:
         parse_frames(fit_frames)
-    tested = select(route, selection, progress)
     fitted = [method for method in methods if method in MODEL_KINDS]
+    # Training takes the shared places, and only the same numbering tells them apart from the tested ones.
+    tested = select(route, selection, progress, only_shared=route.matched_by_stem or bool(fitted))
     if fitted:
         _require_apart(select(route, replace(selection, frames=None), progress), selection.frames, fit_frames, fitted)
     describers: dict[str, Describer] = {}

@@ -30,14 +30,18 @@ class Truth:
     """When two frames show the same place.
 
     Attributes:
-        tolerance: Places along the route by which a match may be off; None: `radius` counts.
+        tolerance: Places along the route by which a match may be off; None: `radius` or `pairs` counts.
         radius: Metres by which a match may be off, where poses are known.
+        pairs: The file of the route that lists what belongs together; never given by a user.
     """
 
     tolerance: int | None = None
     radius: float | None = None
+    pairs: str | None = None
 
     def __str__(self) -> str:
+        if self.pairs is not None:
+            return f"pairs of {self.pairs}"
         return f"±{self.tolerance} frames" if self.radius is None else f"within {self.radius:g} m"
 
 
@@ -95,6 +99,9 @@ def choose_pair(
 ) -> tuple[Route, Pair]:
     """Restricts a route to two conditions and to the places that take part.
 
+    Where the route tells the same places by poses or by a file of pairs, a frame needs no partner of the same
+    stem to take part.
+
     Returns:
         The route of these two traverses (one, if both are the same), and the pair.
 
@@ -102,7 +109,8 @@ def choose_pair(
         RouteError: A condition does not exist, or nothing is left.
     """
     names = [route[query].name, route[database].name]
-    chosen = select(route.only(list(dict.fromkeys(names))), selection, progress)
+    both = route.only(list(dict.fromkeys(names)))
+    chosen = select(both, selection, progress, only_shared=route.matched_by_stem)
     return chosen, Pair(chosen[names[0]], chosen[names[1]])
 
 
@@ -111,11 +119,13 @@ def true_matches(route: Route, pair: Pair, truth: Truth) -> tuple[NDArray[np.boo
 
     Raises:
         ConfigError: Both a tolerance and a radius are given.
-        RouteError: Poses are missing for a radius.
+        RouteError: Poses are missing for a radius, or the file of pairs is wrong.
     """
     if truth.tolerance is not None and truth.radius is not None:
         raise ConfigError("--tolerance and --radius are two truths; give one of them")
     if truth.tolerance is None and truth.radius is None:
+        if route.truth is not None:
+            return route.truth.matches(pair.query, pair.database), Truth(pairs=route.truth.path.name)
         tolerance = route.tolerance if route.radius is None else None
         truth = Truth(1 if tolerance is None and route.radius is None else tolerance, route.radius)
     if truth.radius is not None:
