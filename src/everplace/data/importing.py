@@ -24,6 +24,7 @@ from everplace.data.kinds import open_kind, read_options
 from everplace.data.route_toml import ROUTE_TOML
 from everplace.data.sources.folder import POSES_CSV
 from everplace.data.sources.protocol import Content, Encoded, ForeignFrame, ForeignRoute, ForeignTraverse
+from everplace.data.truth import TRUTH_CSV, TruthPair, write_truth
 from everplace.errors import RouteError, StorageError
 from everplace.files import readable, require_free_directory, whole_directory
 from everplace.progress import Progress, quiet
@@ -108,6 +109,8 @@ def import_route(
             writer.write(traverse, source, progress)
         if not writer.traverses:
             raise RouteError(f"{readable(source)} holds no traverse of the kind {kind!r}; check the path and the kind")
+        if route.truth is not None:
+            write_truth(directory / TRUTH_CSV, writer.known_pairs(_reading(route.truth, source), source))
         text = _route_toml(kind, route, writer.conditions)
         (directory / ROUTE_TOML).write_text(text, encoding="utf-8")
         if out.is_dir():
@@ -130,6 +133,7 @@ class _Writer:
         self.traverses: dict[str, int] = {}
         self.conditions: dict[str, str] = {}
         self.linked = 0
+        self._stems: dict[str, set[str]] = {}
         self.links: str | None = None
         self._directory = directory
         self._copy = copy
@@ -160,8 +164,20 @@ class _Writer:
                 stems.add(frame.stem)
         if not stems:
             raise RouteError(f"the traverse {name!r} of {readable(source)} has no frame; leave it out")
+        self._stems[name] = stems
         self.traverses[name] = len(stems)
         self.conditions[name] = traverse.condition or name
+
+    def known_pairs(self, pairs: Iterator[TruthPair], source: Path) -> Iterator[TruthPair]:
+        """Passes on pairs of frames that were written; another one is an error that names it."""
+        for pair in pairs:
+            for traverse, stem in (pair[:2], pair[2:]):
+                if stem not in self._stems.get(traverse, ()):
+                    raise RouteError(
+                        f"the ground truth of {readable(source)} names the frame {stem!r} of {traverse!r}, which "
+                        "it does not have; complete the images or correct it"
+                    )
+            yield pair
 
     def _write_frame(self, directory: Path, frame: ForeignFrame, source: Path, where: str) -> None:
         content = frame.content
@@ -290,6 +306,8 @@ def _route_toml(kind: str, route: ForeignRoute, conditions: Mapping[str, str]) -
         table["tolerance"] = route.tolerance
     if route.radius is not None:
         table["radius"] = float(route.radius)
+    if route.truth is not None:
+        table["truth"] = TRUTH_CSV
     if route.protocol:
         table["protocol"] = route.protocol
     differing = {name: {"condition": condition} for name, condition in conditions.items() if condition != name}

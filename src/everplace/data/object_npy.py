@@ -22,7 +22,7 @@ __all__ = ["read_object_array"]
 
 _LARGEST = 1 << 30
 _DEEPEST = 4
-_NUMBERS = frozenset("b1 i1 i2 i4 i8 u1 u2 u4 u8 f2 f4 f8".split())
+_NUMBERS = frozenset(["b1", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f2", "f4", "f8"])
 _OBJECTS = frozenset({"O", "O4", "O8"})
 
 
@@ -103,7 +103,8 @@ class _Dtype:
         plain = data.encode("latin1") if isinstance(data, str) else data
         if self.name in _OBJECTS or not isinstance(plain, bytes | bytearray):
             raise pickle.UnpicklingError("it holds an array without its numbers")
-        return np.frombuffer(plain, dtype=np.dtype(self.order + self.name)).tolist()
+        numbers: list[Any] = np.frombuffer(plain, dtype=np.dtype(self.order + self.name)).tolist()
+        return numbers
 
 
 class _Array:

@@ -66,9 +66,7 @@ def parse_frames(text: str) -> slice:
     return slice(start, stop)
 
 
-def select(
-    route: Route, selection: Selection, progress: Progress = quiet, *, only_shared: bool = True
-) -> Route:
+def select(route: Route, selection: Selection, progress: Progress = quiet, *, only_shared: bool = True) -> Route:
     """Restricts a route to the places that take part.
 
     Traverses that share stems are restricted to the shared ones first, and filters and slice act on places.

@@ -110,8 +110,8 @@ def read_rows(path: Path, separator: str | None = None) -> Iterator[TextRow]:
             for number, line in enumerate(iter(lambda: file.readline(_MOST_CHARACTERS), ""), start=1):
                 if len(line) == _MOST_CHARACTERS:
                     raise RouteError(
-                        f"{readable(path)}, line {number} has more than {_MOST_CHARACTERS} characters, so it is not the "
-                        "text file it should be; export it again"
+                        f"{readable(path)}, line {number} has more than {_MOST_CHARACTERS} characters, so it is no "
+                        "such text file; export it again"
                     )
                 text = line.strip()
                 if text and not text.startswith("#"):

@@ -58,9 +58,7 @@ class Trajectory:
         times, first = np.unique(np.asarray(seconds, dtype=np.float64), return_index=True)
         return cls(times, np.asarray(positions, dtype=np.float64).reshape(-1, 3)[first], rotations[first])
 
-    def at(
-        self, seconds: NDArray[np.float64], limit: float
-    ) -> tuple[NDArray[np.float64], Rotation, NDArray[np.bool_]]:
+    def at(self, seconds: NDArray[np.float64], limit: float) -> tuple[NDArray[np.float64], Rotation, NDArray[np.bool_]]:
         """Tells where the camera was.
 
         Between two poses that are both near enough the position is interpolated on a straight line and the

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from everplace.data.image_tree import image_path
 from everplace.data.natural_order import natural_key
@@ -82,7 +83,7 @@ def find_sequences(source: Path, is_sequence: Callable[[Path], bool], what: str)
 
 
 def poses_at(
-    trajectory: Trajectory, seconds: Sequence[float], limit: float, up: Up, camera: np.ndarray | None = None
+    trajectory: Trajectory, seconds: Sequence[float], limit: float, up: Up, camera: NDArray[np.float64] | None = None
 ) -> list[Pose | None]:
     """Returns the pose of each moment, None where no pose is near enough.
 
@@ -97,7 +98,7 @@ def poses_at(
     if camera is None:
         poses = plane_poses(positions, rotations, up)
     else:
-        poses = plane_poses(positions + rotations.apply(camera[:3, 3]), rotations, up, camera[:3, 2])
+        poses = plane_poses(positions + rotations.apply(camera[:3, 3]), rotations, up, camera[:3, 2].tolist())
     return [pose if there else None for pose, there in zip(poses, known, strict=True)]
 
 

@@ -27,6 +27,7 @@ from everplace.data.sources._sequences import (
 from everplace.data.sources.protocol import ForeignRoute, SourceOptions
 from everplace.data.text_rows import read_rows
 from everplace.data.trajectory import Trajectory, read_quaternion, rotation_of
+from everplace.data.traverse import Pose
 from everplace.errors import RouteError
 from everplace.files import readable
 
@@ -79,7 +80,7 @@ def _read_sequence(directory: Path, options: Options) -> ImageSequence:
     listing = camera / "data.csv"
     times = {row.inside(1): row.whole(0, "a time stamp") for row in read_rows(listing, ",")}
     has_poses = options.poses and truth.is_file()
-    poses = [None] * len(times)
+    poses: list[Pose | None] = [None] * len(times)
     if has_poses and times:
         # Nanoseconds since 1970 do not fit a float: the first image is moment 0.
         start = next(iter(times.values()))

@@ -52,7 +52,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     absent = [name for name in _TRAVERSES if name not in found]
     listed = {name: _by_number(directory) for name, directory in found.items()}
     shared = set.intersection(*(set(frames) for frames in listed.values()))
-    notes = [f"Licence unknown: no licence came with the data set, so take it for research use only."]
+    notes = ["Licence unknown: no licence came with the data set, so take it for research use only."]
     if absent:
         notes.append(f"The copy has no {' and no '.join(absent)}.")
     alone = {name: len(frames) - len(shared) for name, frames in listed.items() if len(frames) > len(shared)}
@@ -102,8 +102,8 @@ def _by_number(directory: Path) -> dict[str, str]:
         match = _NUMBER.fullmatch(name.rpartition(".")[0])
         if match is None:
             raise RouteError(
-                f"the name of {readable(directory / name)} does not hold one number, so its place is unknown; rename it "
-                "or move it away"
+                f"the name of {readable(directory / name)} does not hold one number, so its place is unknown; "
+                "rename it or move it away"
             )
         stem = f"{int(match[1]):03d}"
         if stem in found:

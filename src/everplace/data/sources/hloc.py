@@ -99,7 +99,9 @@ def _side(source: Path, listing: str, named: list[str], pairs_file: Path) -> lis
     known = dict.fromkeys(names)
     for name in named:
         if name not in known:
-            raise RouteError(f"{readable(pairs_file)} names {name!r}, which {readable(path)} does not; correct one of them")
+            raise RouteError(
+                f"{readable(pairs_file)} names {name!r}, which {readable(path)} does not; correct one of them"
+            )
     return list(known)
 
 
@@ -110,7 +112,7 @@ def _read_hdf5(path: Path) -> list[str]:
     try:
         with h5py.File(path, "r") as file:
             if isinstance(file.get("names"), h5py.Dataset):
-                names = [name for name in file["names"].asstr()[:].ravel()]
+                names = list(file["names"].asstr()[:].ravel())
             else:
                 names = list(_leaf_groups(file, ""))
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
@@ -124,7 +126,7 @@ def _read_hdf5(path: Path) -> list[str]:
     return names
 
 
-def _leaf_groups(group, prefix: str) -> Iterator[str]:  # type: ignore[no-untyped-def]  # noqa: ANN001
+def _leaf_groups(group, prefix: str) -> Iterator[str]:  # type: ignore[no-untyped-def]
     import h5py
 
     for name in group:

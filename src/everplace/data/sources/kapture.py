@@ -129,7 +129,9 @@ def _read_records(sensors: Path, camera: str) -> dict[str, tuple[int, str]]:
             f"{readable(path)} holds images of the cameras {', '.join(used)}; choose one with --set camera=ID, or all"
         )
     if camera and camera != "all" and camera not in used:
-        raise RouteError(f"{readable(path)} holds no image of the camera {camera!r}, only of {', '.join(used) or 'none'}")
+        raise RouteError(
+            f"{readable(path)} holds no image of the camera {camera!r}, only of {', '.join(used) or 'none'}"
+        )
     return {name: record for name, record in records.items() if camera in {"", "all", record[1]}}
 
 

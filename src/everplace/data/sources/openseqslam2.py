@@ -106,7 +106,8 @@ def _read_truth(path: Path, queries: int, references: int) -> dict[int, list[ran
         for what, number, count in (("query", query, queries), ("reference", reference, references)):
             if not 1 <= number <= count:
                 raise row.wrong(
-                    f"names the {what} {number}, but there are {count}, counted from 1; complete the images or correct it"
+                    f"names the {what} {number}, but there are {count}, counted from 1; complete the images or "
+                    "correct it"
                 )
         if tolerance < 0:
             raise row.wrong(f"holds the tolerance {tolerance}; correct it to 0 or more")

@@ -23,6 +23,7 @@ from everplace.data.sources._sequences import (
 from everplace.data.sources.protocol import ForeignRoute, SourceOptions
 from everplace.data.text_rows import read_rows
 from everplace.data.trajectory import Trajectory, read_quaternion, rotation_of
+from everplace.data.traverse import Pose
 from everplace.errors import RouteError
 from everplace.files import readable
 
@@ -68,7 +69,7 @@ def _read_sequence(directory: Path, options: Options) -> ImageSequence:
     if len(set(stems.values())) < len(stems):
         stems = {name: stem for stem, name in by_stem(directory, seconds).items()}
     has_poses = options.poses and truth.is_file()
-    poses = [None] * len(seconds)
+    poses: list[Pose | None] = [None] * len(seconds)
     if has_poses and seconds:
         poses = poses_at(_read_trajectory(truth), list(seconds.values()), options.limit, "z")
     frames = [

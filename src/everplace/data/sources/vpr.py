@@ -81,8 +81,8 @@ def read(source: Path, options: Options) -> ForeignRoute:
     ]
     if len(known) > 1:
         notes.append(
-            f"The images lie in the UTM zones {', '.join(map(str, known))}; each zone was moved 1,000 km east of the one "
-            "before, so images on the two sides of a border between zones never match."
+            f"The images lie in the UTM zones {', '.join(map(str, known))}; each zone was moved 1,000 km east of the "
+            "one before, so images on the two sides of a border between zones never match."
         )
     shift = {zone: index * _ZONE_WIDTH for index, zone in enumerate(known)}
     return ForeignRoute(
@@ -103,9 +103,7 @@ def _find(source: Path, split: str) -> Path:
     parents = (source / "images", source)
     there = [name for name in ("train", "val", "test") if any((parent / name).is_dir() for parent in parents)]
     remedy = f"choose --set split= one of {', '.join(there)}" if there else "give the directory above images"
-    raise RouteError(
-        f"{readable(source)} holds no images/{split} with the directories database and queries; {remedy}"
-    )
+    raise RouteError(f"{readable(source)} holds no images/{split} with the directories database and queries; {remedy}")
 
 
 def _frames(directory: Path, names: dict[str, str], shift: dict[int, float], timed: bool) -> Iterator[ForeignFrame]:
@@ -142,7 +140,8 @@ def _number(directory: Path, name: str, what: str, text: str) -> float:
         value = math.nan
     if not abs(value) < 1e9:
         raise RouteError(
-            f"the name of {readable(directory / name)} holds {text!r} as its {what}, which is no such number; correct it"
+            f"the name of {readable(directory / name)} holds {text!r} as its {what}, which is no such number; "
+            "correct it"
         )
     return value
 

@@ -7,6 +7,7 @@ file holds one row a query, its index and the list of the indices of its referen
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -91,10 +92,11 @@ def _read_truth(path: Path, queries: int, references: int) -> dict[int, list[int
 
 
 def _index(value: Any, count: int, what: str) -> int:
-    if isinstance(value, list) or value != value or value in {float("inf"), float("-inf")} or int(value) != value:
+    if isinstance(value, list) or not math.isfinite(value) or int(value) != value:
         raise RouteError(f"{what} is {str(value)[:40]!r} where the index of an image must be; correct it")
     if not 0 <= value < count:
         raise RouteError(
-            f"{what} {str(value)[:40]} does not exist, there are {count} images from 0 on; complete the images or correct it"
+            f"{what} {str(value)[:40]} does not exist, there are {count} images from 0 on; complete the images or "
+            "correct it"
         )
     return int(value)
