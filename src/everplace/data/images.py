@@ -121,9 +121,7 @@ def decode_image_bytes(name: str, data: bytes, spec: ImageSpec) -> NDArray[np.ui
         OverflowError,
         struct.error,
     ) as error:
-        raise ImageError(
-            f"{name} is truncated or broken ({error}); copy or export the frame again"
-        ) from error
+        raise ImageError(f"{name} is truncated or broken ({error}); copy or export the frame again") from error
     if spec.size is not None:
         pixels = resize_image(pixels, spec.size)
     return pixels

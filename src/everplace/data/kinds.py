@@ -61,7 +61,8 @@ def option_help(options: type[BaseModel]) -> dict[str, str]:
     """Returns what the docstring of an options class says about each option, with its default."""
     described: dict[str, str] = {}
     name = ""
-    for line in inspect.getdoc(options).splitlines() if options.__doc__ else []:
+    documents = [base.__doc__ for base in reversed(options.__mro__) if issubclass(base, BaseModel) and base.__doc__]
+    for line in "\n\n".join(map(inspect.cleandoc, documents)).splitlines():
         match = _ATTRIBUTE.fullmatch("    " + line)
         if match is not None:
             name = match[1]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignT
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 
-__all__ = ["Drive", "RecordingOptions", "list_directory", "recorded_route"]
+__all__ = ["Drive", "RecordingOptions", "list_directories", "list_directory", "recorded_route"]
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -37,7 +36,8 @@ class RecordingOptions(SourceOptions):
         size: Resize while reading, such as 320x240 (width × height); by default as stored.
         conditions: The condition of each drive, in natural order of the drives' names; by default the names.
         stems: shared numbers the frames of each drive from 000000 on, so that the i-th frames of all drives are the
-            same place; own puts the drive's name before the number, for drives that are not in step.
+            same place; own puts the drive's name before the number, for drives that are not in step; file keeps the
+            names, or the numbers, that they have in the recording.
         pose_limit: Seconds up to which a pose may be away from the frame it is for; between two that are near
             enough it is interpolated.
         without_pose: What to do where a recording has poses but none near a frame: refuse, or drop the frame.
@@ -49,7 +49,7 @@ class RecordingOptions(SourceOptions):
     change: Annotated[float, Field(ge=-1, lt=1)] | None = None
     size: Annotated[tuple[int, int] | None, BeforeValidator(parse_size)] = None
     conditions: tuple[Annotated[str, Field(min_length=1)], ...] = ()
-    stems: Literal["shared", "own"] = "shared"
+    stems: Literal["shared", "own", "file"] = "shared"
     pose_limit: _Positive = 0.5
     without_pose: Literal["refuse", "drop"] = "refuse"
 
@@ -119,14 +119,26 @@ def list_directory(directory: Path, endings: Collection[str]) -> list[Path]:
     Raises:
         RouteError: The directory cannot be listed.
     """
+    return [path for path in _listed(directory) if path.suffix.lower() in endings and not path.is_dir()]
+
+
+def list_directories(directory: Path) -> list[Path]:
+    """Returns the directories in a directory, in natural order; hidden ones are left out.
+
+    Raises:
+        RouteError: The directory cannot be listed.
+    """
+    return [path for path in _listed(directory) if path.is_dir()]
+
+
+def _listed(directory: Path) -> list[Path]:
     try:
-        with os.scandir(directory) as entries:
-            names = [entry.name for entry in entries if not entry.name.startswith(".") and not entry.is_dir()]
+        paths = [path for path in directory.iterdir() if not path.name.startswith(".")]
     except OSError as error:
         raise RouteError(
             f"cannot list {readable(directory)}: {error.strerror or error}; check its permissions"
         ) from error
-    return [directory / name for name in sorted(names, key=natural_key) if Path(name).suffix.lower() in endings]
+    return sorted(paths, key=lambda path: natural_key(path.name))
 
 
 def _kept_frames(drive: Drive, options: RecordingOptions) -> Iterator[ForeignFrame]:
@@ -136,7 +148,8 @@ def _kept_frames(drive: Drive, options: RecordingOptions) -> Iterator[ForeignFra
     # The generators between here and the recording know nothing of closing it.
     with contextlib.closing(frames) if hasattr(frames, "close") else contextlib.nullcontext():
         for number, frame in enumerate(resized(_sampled(frames, options), options.size)):
-            yield frame._replace(stem=prefix + (frame.stem if drive.named else f"{number:06d}"))
+            stays = drive.named or options.stems == "file"
+            yield frame._replace(stem=prefix + (frame.stem if stays else f"{number:06d}"))
 
 
 def _sampled(frames: Iterator[ForeignFrame], options: RecordingOptions) -> Iterator[ForeignFrame]:
