@@ -63,7 +63,7 @@ def list_(as_json: Json = False) -> None:
     """
     from everplace.data.kinds import missing_extras, option_help, source_kinds
 
-    kinds = {
+    kinds: dict[str, dict[str, Any]] = {
         name: {
             "summary": kind.SUMMARY,
             "missing": [f"pip install 'everplace[{extra}]'" for extra in missing_extras(kind)],

@@ -187,7 +187,7 @@ def _walk_zip(file: IO[bytes], size: int, last: _Last) -> Iterator[tuple[Member,
 def _walk_tar(file: IO[bytes], start: bytes, size: int, last: _Last) -> Iterator[tuple[Member, _Opener]]:
     stream = _Stream(_decompressed(file, start), size)
     # Names that are not UTF-8 keep their bytes as surrogates, so that a message can show them.
-    with tarfile.TarFile(fileobj=stream, mode="r", encoding="utf-8", errors="surrogateescape") as archive:  # type: ignore[arg-type]
+    with tarfile.TarFile(fileobj=stream, mode="r", encoding="utf-8", errors="surrogateescape") as archive:
         while (info := archive.next()) is not None:
             stream.most_at_once = _MOST_HEADER
             # tarfile remembers every member, for links; half a kilobyte each adds up.
@@ -217,9 +217,9 @@ def _decompressed(file: IO[bytes], start: bytes) -> IO[bytes]:
     if start.startswith(b"\x1f\x8b"):
         return gzip.GzipFile(fileobj=file)  # type: ignore[return-value]
     if start.startswith(b"BZh"):
-        return bz2.BZ2File(file)  # type: ignore[return-value]
+        return bz2.BZ2File(file)
     if start.startswith(b"\xfd7zXZ\0"):
-        return lzma.LZMAFile(file)  # type: ignore[return-value]
+        return lzma.LZMAFile(file)
     return file
 
 

@@ -14,7 +14,7 @@ from everplace.data.sources.protocol import Content, Encoded
 from everplace.errors import RouteError
 from everplace.files import readable
 
-__all__ = ["ArchiveStore", "FolderStore", "ImageStore", "open_stores"]
+__all__ = ["ArchiveStore", "FolderStore", "ImageStore", "files_below", "open_stores"]
 
 _ENDINGS = tuple(sorted(IMAGE_ENDINGS))
 _DEEPEST = 8  # links can make a directory hold itself
@@ -50,7 +50,7 @@ class FolderStore:
             RouteError: It, or a directory below it, cannot be listed.
         """
         self.path = path
-        self.names = tuple(_files_below(path, _is_image, _DEEPEST))
+        self.names = tuple(files_below(path, _is_image, _DEEPEST))
 
     def read(self, names: Collection[str]) -> Iterator[tuple[str, Content]]:
         """Yields the paths of the files, which are not opened, in natural order."""
@@ -92,7 +92,7 @@ def open_stores(source: Path) -> list[ImageStore]:
     """
     stores: list[ImageStore] = []
     if source.is_dir():
-        archives = [source / name for name in _files_below(source, is_archive_name, 1)]
+        archives = [source / name for name in files_below(source, is_archive_name, 1)]
         stores = [FolderStore(source), *map(ArchiveStore, archives)]
     elif is_archive_name(source.name):
         stores = [ArchiveStore(source)]
@@ -113,8 +113,18 @@ def _is_image(name: str) -> bool:
     return name.lower().endswith(_ENDINGS) and not hidden
 
 
-def _files_below(directory: Path, wanted: Callable[[str], bool], levels: int, prefix: str = "") -> Iterator[str]:
-    """Yields the names of wanted files below a directory, with a prefix, in natural order; hidden ones are left out."""
+def files_below(directory: Path, wanted: Callable[[str], bool], levels: int, prefix: str = "") -> Iterator[str]:
+    """Yields the names of the files below a directory that are wanted, in natural order; hidden ones are left out.
+
+    Args:
+        directory: Where to look; links are followed.
+        wanted: Says of a file's name whether it is.
+        levels: How many levels of directories to look into below this one.
+        prefix: What to put before each name.
+
+    Raises:
+        RouteError: A directory cannot be listed.
+    """
     try:
         with os.scandir(directory) as entries:
             kinds = {entry.name: entry.is_dir() for entry in entries if not entry.name.startswith(".")}
@@ -127,4 +137,4 @@ def _files_below(directory: Path, wanted: Callable[[str], bool], levels: int, pr
             if wanted(name):
                 yield prefix + name
         elif levels:
-            yield from _files_below(directory / name, wanted, levels - 1, f"{prefix}{name}/")
+            yield from files_below(directory / name, wanted, levels - 1, f"{prefix}{name}/")

@@ -30,8 +30,8 @@ __all__ = [
     "MAX_FILE_BYTES",
     "MAX_PIXELS",
     "ImageSpec",
+    "decode_encoded",
     "decode_image",
-    "decode_image_bytes",
     "decode_images",
     "read_image_bytes",
     "resize_image",
@@ -88,19 +88,16 @@ def decode_image(path: Path, spec: ImageSpec) -> NDArray[np.uint8]:
     Raises:
         ImageError: The file is missing, unreadable, truncated, broken, too large, or no image.
     """
-    return decode_image_bytes(readable(path), read_image_bytes(path), spec)
+    return decode_encoded(readable(path), read_image_bytes(path), spec)
 
 
-def decode_image_bytes(name: str, data: bytes, spec: ImageSpec) -> NDArray[np.uint8]:
-    """Decodes the content of an image file, wherever it comes from; as `decode_image`.
+def decode_encoded(name: str, data: bytes, spec: ImageSpec) -> NDArray[np.uint8]:
+    """Decodes the content of an image file, from wherever it comes; see `decode_image`.
 
     Args:
-        name: What to call the image in messages.
+        name: What to call it in messages.
         data: The whole file.
         spec: The wanted size and channels.
-
-    Returns:
-        H×W×C uint8, C = 1 (grey) or 3 (RGB), C-contiguous and writable.
 
     Raises:
         ImageError: It is empty, truncated, broken, too large, or no image.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
@@ -25,6 +26,7 @@ _OLID = re.compile(r"(?:^|/)([a-z]+)_images_(train|test)/section([0-9]{1,6})/([0
 _AT = re.compile(r"(?:^|/)(database|queries)/@[^/]*$")
 _AT_NUMBER = 7  # @0@north@@@@@number@@@@@@@@.jpg
 _LARGEST_LIST = 2**26
+_SURROGATES = (0xD800, 0xDFFF)
 
 
 class Named(NamedTuple):
@@ -128,9 +130,15 @@ def _npy_lines(path: Path) -> list[str]:
     try:
         # Mapped, so that a header that claims to be huge takes no memory.
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-        lines: list[str] = [str(text) for text in np.asarray(array).ravel()] if array.dtype.kind == "U" else []
+        lines: list[str] = []
+        if array.dtype.kind == "U":
+            # NumPy makes texts of any four bytes, and Python crashes on those that are no character.
+            codes = np.frombuffer(array.tobytes(), dtype=np.dtype(np.uint32).newbyteorder(array.dtype.byteorder))
+            if ((codes > sys.maxunicode) | ((codes >= _SURROGATES[0]) & (codes <= _SURROGATES[1]))).any():
+                raise ValueError("it holds codes that are no characters")
+            lines = [str(text) for text in array.ravel()]
         if array.dtype.kind == "S":
-            lines = [bytes(text).decode("utf-8") for text in np.asarray(array).ravel()]
+            lines = [bytes(text).decode("utf-8") for text in array.ravel()]
     except UnicodeDecodeError:
         raise
     except OSError as error:

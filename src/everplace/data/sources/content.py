@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.data.images import ImageSpec, decode_image, decode_image_bytes, resize_image
+from everplace.data.images import ImageSpec, decode_encoded, decode_image, resize_image
 from everplace.data.sources.protocol import Encoded, ForeignFrame
 from everplace.files import readable
 
@@ -30,7 +30,7 @@ def decode_content(frame: ForeignFrame, spec: ImageSpec) -> NDArray[np.uint8]:
     if isinstance(content, np.ndarray):
         return _convert(content, spec)
     if isinstance(content, Encoded):
-        return decode_image_bytes(f"the frame {readable(frame.stem)}", content.data, spec)
+        return decode_encoded(f"the frame {readable(frame.stem)}", content.data, spec)
     return decode_image(content, spec)
 
 

@@ -13,13 +13,14 @@ The same stem in two seasons is the same place in each of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import BeforeValidator
 
-from everplace.data.image_stores import ImageStore, open_stores
+from everplace.data.image_stores import ImageStore, files_below, open_stores
+from everplace.data.images import ImageSpec, decode_encoded, decode_image, resize_image
 from everplace.data.natural_order import natural_sorted
 from everplace.data.sources._nordland_names import (
     SEASONS,
@@ -30,7 +31,7 @@ from everplace.data.sources._nordland_names import (
     season_frame,
 )
 from everplace.data.sources._nordland_presets import PRESETS, choose_frames
-from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.data.sources.protocol import Encoded, ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 
@@ -91,7 +92,7 @@ class Copy(Protocol):
         notes: Sentences for the user.
     """
 
-    stems: Mapping[str, Sequence[str]]
+    stems: dict[str, list[str]]
     tolerance: int | None
     notes: tuple[str, ...]
 
@@ -112,9 +113,15 @@ def read(source: Path, options: Options) -> ForeignRoute:
         raise ConfigError("preset olid is about the test split; leave out --set split=train")
     copy = _open(source, options)
     preset = PRESETS.get(options.preset)
-    stems = {season: copy.stems[season] for season in SEASONS if season in copy.stems}
+    stems = {season: copy.stems[season] for season in _seasons(options) if season in copy.stems}
+    absent = set(options.seasons).difference(stems)
+    if absent or not stems:
+        raise RouteError(
+            f"{readable(source)} holds {', '.join(copy.stems)}, but not {min(absent or _seasons(options))}; "
+            "choose others with --set seasons"
+        )
     lists = options.list or (_find_list(source) if preset is not None and preset.wants_list else ())
-    stems = _listed(stems, lists, _seasons(options), source)
+    stems = _listed(stems, lists, source)
     if options.preset:
         stems = choose_frames(options.preset, stems)
     notes = [*copy.notes, _LICENCE]
@@ -122,7 +129,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         notes.insert(0, f"The list {readable(lists[0])} was used.")
     return ForeignRoute(
         traverses=(
-            ForeignTraverse(season, _resized(copy.read(season, names), options.size), count=len(names))
+            ForeignTraverse(season, _resized(copy.read(season, names), options.size, source), count=len(names))
             for season, names in stems.items()
         ),
         tolerance=copy.tolerance if preset is None else preset.tolerance,
@@ -134,13 +141,34 @@ def read(source: Path, options: Options) -> ForeignRoute:
 def _seasons(options: Options) -> tuple[str, ...]:
     if options.preset == "2760":
         return ("summer", "winter")
-    return options.seasons or SEASONS
+    return tuple(season for season in SEASONS if season in (options.seasons or SEASONS))
 
 
 def _open(source: Path, options: Options) -> Copy:
-    """Opens the copy in its form."""
-    stores = open_stores(source)
-    return _Images(source, stores, options)
+    """Opens the copy in the form that was chosen or lies there."""
+    from everplace.data.sources._nordland_parquet import ParquetCopy
+    from everplace.data.sources._nordland_video import VIDEO_ENDINGS, VideoCopy
+
+    copies: list[tuple[str, tuple[str, ...], Callable[[Path, Sequence[Path], str], Copy]]] = [
+        ("parquet", (".parquet",), ParquetCopy),
+        ("video", VIDEO_ENDINGS, VideoCopy),
+    ]
+    for form, endings, open_copy in copies:
+        if options.form not in ("", form):
+            continue
+        files = _files(source, endings)
+        if files:
+            return open_copy(source, files, "test" if options.preset == "olid" else options.split)
+        if options.form:
+            raise RouteError(f"{readable(source)} holds no file that ends in {' or '.join(endings)}; check the path")
+    return _Images(source, open_stores(source), options)
+
+
+def _files(source: Path, endings: tuple[str, ...]) -> list[Path]:
+    """Returns the files of these endings: the source itself, or those in it and one directory below."""
+    if source.is_dir():
+        return [source / name for name in files_below(source, lambda name: name.lower().endswith(endings), 1)]
+    return [source] if source.name.lower().endswith(endings) else []
 
 
 class _Images:
@@ -165,8 +193,6 @@ class _Images:
                 if frame.split and split not in ("both", frame.split):
                     continue
                 season = at.get(frame.season, frame.season)
-                if season not in _seasons(options):
-                    continue
                 frames = self._where.setdefault(season, {})
                 if frame.stem in frames:
                     other = frames[frame.stem][1]
@@ -177,7 +203,7 @@ class _Images:
                 frames[frame.stem] = (index, name)
                 furthest = max(furthest, frame, key=lambda frame: frame.north)
         if not self._where:
-            raise RouteError(f"{readable(source)} holds no frame of the seasons and the split that were asked for")
+            raise RouteError(f"{readable(source)} holds no frame of the split that was asked for")
         if furthest.north:
             # The copy's metres are made up so that frames within the tolerance are within 25 m.
             self.tolerance = int(25.0 * int(furthest.stem) / furthest.north)
@@ -201,8 +227,8 @@ def _parser(source: Path, stores: Sequence[ImageStore], form: str) -> Callable[[
     for name in [form] if form else parsers:
         parse = parsers[name]
         for store in stores:
-            frame = parse(f"{_label(store.path)}/{store.names[0]}")
-            if frame is not None and frame.season:
+            label = _label(store.path)
+            if any((frame := parse(f"{label}/{name}")) is not None and frame.season for name in store.names):
                 return parse
     what = f"form {form}" if form else "known form"
     raise RouteError(
@@ -228,13 +254,10 @@ def _find_list(source: Path) -> tuple[Path, ...]:
     return next(((place / name,) for place in places for name in _LISTS if (place / name).is_file()), ())
 
 
-def _listed(
-    stems: Mapping[str, Sequence[str]], lists: Sequence[Path], seasons: Sequence[str], source: Path
-) -> dict[str, Sequence[str]]:
+def _listed(stems: dict[str, list[str]], lists: Sequence[Path], source: Path) -> dict[str, list[str]]:
     """Returns the frames that the lists name, by name."""
-    stems = {season: names for season, names in stems.items() if season in seasons}
     if not lists:
-        return dict(stems)
+        return stems
     wanted: dict[str, dict[str, None]] = {season: {} for season in stems}
     for path in lists:
         for frame in read_list(path):
@@ -255,8 +278,18 @@ def _listed(
     return {season: natural_sorted(names) for season, names in wanted.items()}
 
 
-def _resized(frames: Iterator[ForeignFrame], size: tuple[int, int] | None) -> Iterator[ForeignFrame]:
+def _resized(frames: Iterator[ForeignFrame], size: tuple[int, int] | None, source: Path) -> Iterator[ForeignFrame]:
+    """Decodes and resizes frames on their way, if a size is wanted."""
     if size is None:
         yield from frames
         return
-    raise NotImplementedError
+    spec = ImageSpec(size)
+    for frame in frames:
+        content = frame.content
+        if isinstance(content, Path):
+            pixels = decode_image(content, spec)
+        elif isinstance(content, Encoded):
+            pixels = decode_encoded(f"the frame {frame.stem} of {readable(source)}", content.data, spec)
+        else:
+            pixels = resize_image(content, size)
+        yield frame._replace(content=pixels)
