@@ -166,4 +166,4 @@ def _in_space(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 def _turned(headings: NDArray[np.float64]) -> Rotation:
     from scipy.spatial.transform import Rotation
 
-    return Rotation.from_euler("z", headings)
+    return Rotation.from_euler("z", headings[:, np.newaxis])
