@@ -75,7 +75,7 @@ def read_video(path: Path) -> Iterator[DecodedFrame]:
     with _naming_errors(path, "is no video that can be read"):
         opened = contextlib.ExitStack()
         container, stream = opened.enter_context(_opened(path))
-    first: float | None = None
+    first: int | None = None
     with opened:
         frames = container.decode(stream)
         while True:
@@ -84,10 +84,10 @@ def read_video(path: Path) -> Iterator[DecodedFrame]:
                 if frame is None:
                     break
                 pixels = _upright(frame)
-            if frame.time is not None:
-                first = frame.time if first is None else first
-                last = frame.time - first
-            yield DecodedFrame(pixels, None if frame.time is None else last)
+            if frame.pts is not None:
+                first = frame.pts if first is None else first
+                last = float((frame.pts - first) * frame.time_base)
+            yield DecodedFrame(pixels, None if frame.pts is None else last)
             done += 1
         if not done:
             raise RouteError(f"{readable(path)} holds no frame that can be decoded; copy or export it again")

@@ -50,7 +50,8 @@ def write_video(traverse: Traverse, path: Path, codec: str, form: str, options: 
 def write_bag(traverse: Traverse, path: Path, form: str) -> None:
     """Writes raw images and odometry, both with the same stamps."""
     from rosbags.rosbag1 import Writer as Writer1
-    from rosbags.rosbag2 import StoragePlugin, Writer as Writer2
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as Writer2
     from rosbags.typesys import Stores, get_typestore
 
     ros1 = form == "bag"
