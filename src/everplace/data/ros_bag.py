@@ -30,6 +30,7 @@ METADATA = "metadata.yaml"
 """What makes a directory a ROS 2 bag."""
 
 _OTHER_DEFINITIONS = frozenset({"flatbuffer", "jsonschema", "protobuf", "ros1msg"})
+_OTHER_PROFILE = "Profile is not ros2"
 
 
 @dataclass(frozen=True)
@@ -145,9 +146,10 @@ def _naming_errors(path: Path) -> Iterator[None]:
     except Exception as error:
         if isinstance(error, OSError) and error.filename is not None:
             reason = f"cannot read {readable(path)}: {error.strerror}; check the path and its permissions"
-        elif isinstance(error, KeyError) and error.args[0] in _OTHER_DEFINITIONS:
+        elif (isinstance(error, KeyError) and error.args[0] in _OTHER_DEFINITIONS) or _OTHER_PROFILE in str(error):
+            what = "of another profile than ros2" if _OTHER_PROFILE in str(error) else f"defined as {error.args[0]!r}"
             reason = (
-                f"{readable(path)} holds messages defined as {error.args[0]!r}, and only those of ROS 2 can be read; "
+                f"{readable(path)} holds messages {what}, and only those of ROS 2 can be read; "
                 "convert it to a ROS 2 bag"
             )
         else:
