@@ -22,17 +22,14 @@ import tomli_w
 from everplace.data.images import IMAGE_ENDINGS, read_image_bytes
 from everplace.data.kinds import open_kind, read_options
 from everplace.data.route_toml import ROUTE_TOML
-from everplace.data.sources.folder import POSES_CSV
+from everplace.data.sources.folder import POSES_CSV, TIMES_CSV
 from everplace.data.sources.protocol import Content, Encoded, ForeignFrame, ForeignRoute, ForeignTraverse
 from everplace.data.truth import TRUTH_CSV, TruthPair, write_truth
 from everplace.errors import RouteError, StorageError
 from everplace.files import readable, require_free_directory, whole_directory
 from everplace.progress import Progress, quiet
 
-__all__ = ["TIMES_CSV", "ImportSummary", "import_route", "write_route"]
-
-TIMES_CSV = "times.csv"
-"""When the frames of a traverse were taken, in its directory: columns stem, seconds."""
+__all__ = ["ImportSummary", "import_route", "write_route"]
 
 _LONGEST_NAME = 255  # bytes, on every usual file system
 
