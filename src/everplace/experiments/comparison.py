@@ -53,8 +53,7 @@ class Comparison:
             "places": len(self.route.traverses[0]),
             "tolerance": self.truth.tolerance,
             "radius": self.truth.radius,
-            "standardise": self.matching.standardise,
-            "sequence": self.matching.sequence,
+            **self.matching.metrics(),
             "pairs": [
                 {
                     "query": query,

@@ -123,7 +123,9 @@ class RouteFilter:
             ConfigError: There is no place, or `reach` is negative.
         """
         if places < 1 or reach < 0:
-            raise ConfigError(f"a route of {places} places with a reach of {reach} is not possible; give 1 and 0 or more")
+            raise ConfigError(
+                f"a route of {places} places with a reach of {reach} is not possible; give 1 and 0 or more"
+            )
         self.model = RouteModel() if model is None else model
         self.reach = reach
         self._belief = Belief.start(self.model, 1, places)
@@ -144,7 +146,9 @@ class RouteFilter:
         """
         places = self._belief.on.shape[-1]
         if np.shape(scores) != (places,):
-            raise DescriptorsError(f"a frame of scores of shape {np.shape(scores)} does not fit a map of {places} places")
+            raise DescriptorsError(
+                f"a frame of scores of shape {np.shape(scores)} does not fit a map of {places} places"
+            )
         if self._frames:
             self._belief.move(self.model, self._exits)
         self._belief.see(likelihood_ratios(scores, self.model)[None])
@@ -213,9 +217,7 @@ def log_odds(belief: Belief) -> NDArray[np.float64]:
     return odds
 
 
-def _last_frames(
-    S: NDArray[Any], rows: slice, length: int, model: RouteModel, exits: NDArray[np.float64]
-) -> Belief:
+def _last_frames(S: NDArray[Any], rows: slice, length: int, model: RouteModel, exits: NDArray[np.float64]) -> Belief:
     """The belief of every row from its last `length` frames."""
     first = max(rows.start - length + 1, 0)
     ratios = likelihood_ratios(S[first : rows.stop], model)

@@ -47,7 +47,9 @@ def smooth_route(S: NDArray[Any], model: RouteModel | None = None, *, reach: int
         beliefs = _forward(S[start + 1 : end], kept[index], model, exits)
         for frame in range(end - 1, start - 1, -1):
             if frame + 1 < frames:
-                later_on, later_off = _look_back(likelihood_ratios(S[frame + 1], model), later_on, later_off, model, exits)
+                later_on, later_off = _look_back(
+                    likelihood_ratios(S[frame + 1], model), later_on, later_off, model, exits
+                )
             belief = beliefs[frame - start]
             on, off = belief.on[0] * later_on, float(belief.off[0]) * later_off
             answers.append(answer(on.sum(axis=0) / (on.sum() + off), reach))
@@ -99,9 +101,7 @@ def _first_belief(S: NDArray[Any], model: RouteModel) -> Belief:
     return belief
 
 
-def _forward(
-    S: NDArray[Any], belief: Belief, model: RouteModel, exits: NDArray[np.float64]
-) -> list[Belief]:
+def _forward(S: NDArray[Any], belief: Belief, model: RouteModel, exits: NDArray[np.float64]) -> list[Belief]:
     """The given belief and those after each of the frames."""
     beliefs = [belief]
     for scores in S:
@@ -180,9 +180,7 @@ def _best_steps(
     return best, came_from
 
 
-def _keep_better(
-    after: NDArray[np.float64], source: NDArray[np.int32], value: NDArray[np.float64], first: int
-) -> None:
+def _keep_better(after: NDArray[np.float64], source: NDArray[np.int32], value: NDArray[np.float64], first: int) -> None:
     """Replaces what is worse by the value and its origin, `first` and the following states."""
     better = value > after
     after[better] = value[better]
