@@ -10,10 +10,15 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import describing, memory, training
+from benchmarks import describing, memory, sequences, training
 from benchmarks.ratio import Ratio
 
-STUDIES = {"training": training.measure, "describing": describing.measure, "memory": memory.measure}
+STUDIES = {
+    "training": training.measure,
+    "describing": describing.measure,
+    "memory": memory.measure,
+    "sequences": sequences.measure,
+}
 
 
 def main() -> None:

@@ -99,7 +99,7 @@ def _measure(
     seeds: int,
 ) -> dict[str, Any]:
     scores: dict[str, list[tuple[float, float]]] = {}
-    answers: dict[str, list[dict[str, float]]] = {}
+    answers: dict[str, list[dict[str, float | None]]] = {}
     for S, matches in _drives(query, database, truth, how, drive, seeds):
         scores.setdefault("one frame", []).append(_score(S, matches))
         for length in lengths:
@@ -111,10 +111,7 @@ def _measure(
     return {
         "drive": drive.what,
         "scores": {name: np.mean(values, axis=0).round(4).tolist() for name, values in scores.items()},
-        "answers": {
-            name: {key: round(float(np.nanmean([one[key] for one in values])), 4) for key in values[0]}
-            for name, values in answers.items()
-        },
+        "answers": {name: _means(values) for name, values in answers.items()},
     }
 
 
@@ -157,7 +154,13 @@ def _answers(S: NDArray[np.float32]) -> dict[str, list[Answer]]:
     }
 
 
-def _honesty(answers: list[Answer], truth: NDArray[np.bool_]) -> dict[str, float]:
+def _means(values: list[dict[str, float | None]]) -> dict[str, float | None]:
+    """Means over the drives that a measure has a meaning for."""
+    known = {key: [one[key] for one in values if one[key] is not None] for key in values[0]}
+    return {key: float(np.mean(ones).round(4)) if ones else None for key, ones in known.items()}
+
+
+def _honesty(answers: list[Answer], truth: NDArray[np.bool_]) -> dict[str, float | None]:
     """Whether answers are right and say so when they are not."""
     right = np.array([truth[row, one.place] for row, one in enumerate(answers)])
     mapped = truth.any(axis=1)
@@ -166,9 +169,9 @@ def _honesty(answers: list[Answer], truth: NDArray[np.bool_]) -> dict[str, float
     return {
         "recall@1": float(right[mapped].mean()),
         "sure": float(sure.mean()),
-        "right when sure": float(right[sure].mean()) if sure.any() else float("nan"),
+        "right when sure": float(right[sure].mean()) if sure.any() else None,
         "lost on the map": float(lost[mapped].mean()),
-        "lost off the map": float(lost[~mapped].mean()) if not mapped.all() else float("nan"),
+        "lost off the map": float(lost[~mapped].mean()) if not mapped.all() else None,
     }
 
 
@@ -183,6 +186,6 @@ def _tables(title: str, rows: list[dict[str, Any]]) -> list[str]:
     lines += ["| drive | from | " + " | ".join(header) + " |", "|---" * (len(header) + 2) + "|"]
     for row in rows:
         for name, values in row["answers"].items():
-            cells = ["" if np.isnan(values[key]) else f"{values[key]:.3f}" for key in header]
+            cells = ["" if values[key] is None else f"{values[key]:.3f}" for key in header]
             lines.append(f"| {row['drive']} | {name} | " + " | ".join(cells) + " |")
     return [*lines, ""]

@@ -223,7 +223,9 @@ def _last_frames(S: NDArray[Any], rows: slice, length: int, model: RouteModel, e
     ratios = likelihood_ratios(S[first : rows.stop], model)
     belief = Belief.start(model, rows.stop - rows.start, S.shape[1])
     for ago in range(length - 1, -1, -1):
-        begun = max(ago - rows.start, 0)  # robots whose frame so long ago exists
+        begun = max(ago - rows.start, 0)  # the robots before it have no frame so long ago
+        if begun >= rows.stop - rows.start:
+            continue
         if ago < length - 1:
             belief[max(ago + 1 - rows.start, 0) :].move(model, exits)
         belief[begun:].see(ratios[rows.start + begun - ago - first : rows.stop - ago - first])
