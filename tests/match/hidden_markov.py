@@ -12,8 +12,10 @@ from everplace.match.route_model import RouteModel, likelihood_ratios
 
 MODELS = (
     RouteModel(),
-    RouteModel(steps=(0.2, 0.3, 0.1, 0.4), turn=0.3, jump=0.2, leave=0.15, enter=0.4, separation=1.0, outlier=0.05),
-    RouteModel(steps=(1.0,), turn=0.01, jump=1e-6, leave=0.5, enter=0.9, separation=4.0, outlier=0.5),
+    RouteModel(
+        steps=(0.2, 0.3, 0.1, 0.4), turn=0.3, jump=0.2, leave=0.15, enter=0.4, separation=1.0, outlier=0.05, doubt=0.0
+    ),
+    RouteModel(steps=(1.0,), turn=0.01, jump=1e-6, leave=0.5, enter=0.9, separation=4.0, outlier=0.5, doubt=2.0),
 )
 
 

@@ -33,6 +33,7 @@ def test_something_happens_with_certainty(model: RouteModel, places: int) -> Non
         ({"steps": ()}, "steps"),
         ({"steps": (1.5, -0.5)}, "steps"),
         ({"separation": -1.0}, "separation"),
+        ({"doubt": -0.1}, "doubt"),
     ],
 )
 def test_what_is_no_probability_is_refused_by_name(wrong: dict[str, object], named: str) -> None:
@@ -45,7 +46,7 @@ def test_the_ratio_is_that_of_two_normal_distributions_and_outliers() -> None:
 
     S = np.random.default_rng(1).random((3, 40))
     z = zscore(S, axis=1)
-    expected = 0.8 * norm.pdf(z, 2.5) / norm.pdf(z) + 0.2
+    expected = (0.8 * norm.pdf(z, 2.5) / norm.pdf(z) + 0.2) * np.exp(-0.5)
     np.testing.assert_allclose(likelihood_ratios(S, RouteModel()), expected)
 
 
@@ -71,7 +72,7 @@ def test_unknown_scores_say_nothing_and_do_not_disturb_the_others() -> None:
 def test_infinite_scores_are_the_strongest_statements() -> None:
     ratios = likelihood_ratios(np.array([0.1, 0.2, 0.3, np.inf, -np.inf]), RouteModel())
     assert ratios[3] > 1e20
-    assert ratios[4] == RouteModel().outlier
+    assert ratios[4] == pytest.approx(0.2 * np.exp(-0.5))
     assert np.isfinite(ratios).all()
 
 

@@ -33,6 +33,8 @@ class RouteModel:
         enter: Probability of coming onto the map, anywhere, for a robot that is not on it.
         separation: By how many standard deviations of a frame's scores its true place scores above their mean.
         outlier: Share of frames whose scores say nothing about the true place: glare, a lorry, a wiper.
+        doubt: Nats by which each frame counts against being on the map. Neighbouring frames look alike, so that along
+            some path scores agree by chance more often than the model's independent frames would.
     """
 
     steps: tuple[float, ...] = (0.1, 0.75, 0.15)
@@ -42,12 +44,14 @@ class RouteModel:
     enter: float = 0.1
     separation: float = 2.5
     outlier: float = 0.2
+    doubt: float = 0.5
 
     def __post_init__(self) -> None:
         """Refuses values that are no probabilities.
 
         Raises:
-            ConfigError: A probability is outside (0, 1), `steps` do not sum to 1, or `separation` is not positive.
+            ConfigError: A probability is outside (0, 1), `steps` do not sum to 1, `separation` is not
+                positive, or `doubt` is negative.
         """
         for name in ("turn", "jump", "leave", "enter", "outlier"):
             if not 0 < getattr(self, name) < 1:
@@ -58,6 +62,8 @@ class RouteModel:
             raise ConfigError(f"steps = {self.steps} of the route model must be probabilities that sum to 1")
         if not (np.isfinite(self.separation) and self.separation > 0):
             raise ConfigError(f"separation = {self.separation} of the route model must be a positive number")
+        if not 0 <= self.doubt < np.inf:
+            raise ConfigError(f"doubt = {self.doubt} of the route model must be 0 or a positive number")
 
     @property
     def stay(self) -> float:
@@ -90,8 +96,8 @@ def likelihood_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.flo
 
     With z = (score - mean) / standard deviation over the frame's own scores, background places are taken as
     N(0, 1) and the true place as N(d, 1), d = `separation`; a share ε = `outlier` of frames says nothing:
-    ratio = (1 - ε) exp(d z - d²/2) + ε. So the ratios do not change when scores are shifted or scaled by a positive
-    number, and no method needs a temperature of its own. "Not on the map" has the ratio 1.
+    ratio = ((1 - ε) exp(d z - d²/2) + ε) exp(-`doubt`). So the ratios do not change when scores are shifted
+    or scaled by a positive number, and no method needs a temperature of its own. "Not on the map" has the ratio 1.
 
     Args:
         scores: ...×N, higher = more alike. NaN: the place has no score, and its ratio is 1. Infinities do not
@@ -99,7 +105,7 @@ def likelihood_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.flo
         model: The assumptions.
 
     Returns:
-        ...×N, at least ε.
+        ...×N, at least ε exp(-`doubt`).
     """
     S = np.asarray(scores, np.float64)
     known: Any = np.isfinite(S)
@@ -115,6 +121,7 @@ def likelihood_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.flo
     ratios = np.exp(np.minimum(z, _LARGEST, out=z), out=z)
     ratios *= 1 - model.outlier
     ratios += model.outlier
+    ratios *= np.exp(-model.doubt)
     ratios[np.isnan(ratios)] = 1.0
     return ratios
 
