@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import describing, fabmap, memory, opening, training
+from benchmarks import describing, fabmap, memory, opening, sequences, training
 from benchmarks.ratio import Ratio
 
 STUDIES = {
@@ -19,6 +19,7 @@ STUDIES = {
     "memory": memory.measure,
     "fabmap": fabmap.measure,
     "opening": opening.measure,
+    "sequences": sequences.measure,
 }
 
 

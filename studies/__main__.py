@@ -19,14 +19,18 @@ from everplace.experiments.retrieval import Matching, Truth
 from everplace.files import write_text
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
+from studies import sequences
 from studies.protocols import PROTOCOLS, Protocol
 
 SCORES = ("recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP")
 
 
 def main() -> None:
+    if sys.argv[1:2] == ["sequences"]:
+        sequences.main(sys.argv[2:])
+        return
     parser = argparse.ArgumentParser(prog="python -m studies", description=__doc__)
-    parser.add_argument("study", choices=list(PROTOCOLS))
+    parser.add_argument("study", choices=list(PROTOCOLS), help="or sequences, which has options of its own")
     parser.add_argument("--data", type=Path, required=True, help="directory that holds the study's route")
     parser.add_argument("--out", type=Path, required=True, help="directory for runs, ledger and table.md")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])

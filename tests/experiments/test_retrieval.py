@@ -70,13 +70,13 @@ def test_standardisation_and_sequences_change_the_match(tiny_route: Path) -> Non
     chosen, pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
     truth = true_matches(chosen, pair, Truth())[0]
     plain = retrieve(open_describer("hog"), pair, truth, Matching())
-    centred = retrieve(open_describer("hog"), pair, truth, Matching("centre", 3))
+    centred = retrieve(open_describer("hog"), pair, truth, Matching("centre", 3, "mean"))
     assert np.abs(plain.similarity - centred.similarity).max() > 0.01
     # The first frame of a sequence has no past: its row is that of the centred match alone.
     alone = retrieve(open_describer("hog"), pair, truth, Matching("centre"))
     np.testing.assert_allclose(centred.similarity[0], alone.similarity[0])
     np.testing.assert_allclose(centred.similarity[2, 2], np.mean([alone.similarity[k, k] for k in range(3)]), rtol=1e-5)
-    assert str(Matching("centre", 3)) == "standardised (centre), sequences of 3"
+    assert str(Matching("centre", 3)) == "standardised (centre), sequences of 3 (filter)"
 
 
 def test_descriptors_made_before_are_used_again(tiny_route: Path) -> None:

@@ -20,6 +20,7 @@ from everplace.cli.options import (
     RouteArgument,
     Seed,
     Sequence,
+    SequenceSearch,
     Standardise,
     Tolerance,
 )  # fmt: skip
@@ -57,6 +58,7 @@ def compare(
     drop_stationary: DropStationary = False,
     standardise: Standardise = None,
     sequence: Sequence = 1,
+    sequence_method: SequenceSearch = "filter",
     image_size: ImageSize = None,
     grey: Grey = False,
     epochs: Epochs = None,
@@ -69,6 +71,7 @@ def compare(
     Example: everplace compare my-route --methods cp-vae,sad,hog --fit-frames 0:800 --frames 820: --out result
     """
     how = one_of(standardise, "--standardise", ("centre", "full"))
+    search = one_of(sequence_method, "--sequence-method", ("filter", "seqslam", "mean"))
     require_directory(out)
     from everplace.data.route import open_route
     from everplace.data.selection import Selection, parse_frames
@@ -102,7 +105,7 @@ def compare(
         tested,
         describers,
         truth=Truth(tolerance, radius),
-        matching=Matching(how, sequence),
+        matching=Matching(how, sequence, search),
         left_out=left_out,
         progress=show_progress(),
     )

@@ -55,8 +55,7 @@ class Comparison:
             "tolerance": self.truth.tolerance,
             "radius": self.truth.radius,
             "truth": self.truth.pairs,
-            "standardise": self.matching.standardise,
-            "sequence": self.matching.sequence,
+            **self.matching.metrics(),
             "pairs": [
                 {
                     "query": query,

@@ -18,7 +18,7 @@ from everplace.errors import ConfigError
 from everplace.evaluate.scores import PrecisionRecall, Scores, evaluate, precision_recall
 from everplace.match.place_posterior import new_place_summary
 from everplace.match.search import compared
-from everplace.match.sequence import average_sequences
+from everplace.match.sequence import SequenceMethod, search_sequences
 from everplace.match.similarity import similarity
 from everplace.match.standardise import Standardisation
 from everplace.progress import Progress, quiet
@@ -52,15 +52,25 @@ class Matching:
 
     Attributes:
         standardise: Subtract each traverse's mean descriptor (`centre`), also divide by its spread (`full`).
-        sequence: Average the similarity along the diagonal over so many frames; 1: frame by frame.
+        sequence: Score places by so many last frames; 1: frame by frame.
+        sequence_method: How, see `everplace.match.sequence`.
     """
 
     standardise: Standardisation | None = None
     sequence: int = 1
+    sequence_method: SequenceMethod = "filter"
+
+    def metrics(self) -> dict[str, str | int | None]:
+        """What metrics.json says of the match."""
+        return {
+            "standardise": self.standardise,
+            "sequence": self.sequence,
+            "sequence_method": self.sequence_method if self.sequence > 1 else None,
+        }
 
     def __str__(self) -> str:
         parts = [f"standardised ({self.standardise})"] if self.standardise else []
-        parts += [f"sequences of {self.sequence}"] if self.sequence > 1 else []
+        parts += [f"sequences of {self.sequence} ({self.sequence_method})"] if self.sequence > 1 else []
         return ", ".join(parts) or "plain"
 
 
@@ -166,7 +176,7 @@ def retrieve(
     query, database = described[pair.query.name], described[pair.database.name]
     S = similarity(*compared(query, database, matching.standardise))
     if matching.sequence > 1:
-        S = average_sequences(S, matching.sequence)
+        S = search_sequences(S, matching.sequence, matching.sequence_method)
     return Retrieval(
         method=describer.method,
         similarity=S,
