@@ -12,12 +12,13 @@ import pytest
 from everplace.describe import methods
 from everplace.describe.registry import method_names, open_describer
 from everplace.errors import MethodError
+from everplace.progress import quiet
 
 
 def test_methods_open_by_name() -> None:
     names = method_names()
     assert names == sorted(names)
-    assert {"hog", "sad"} <= set(names)
+    assert {"alexnet", "hog", "hub", "onnx", "sad", "vgg19"} <= set(names)
     assert not {"vae", "cae", "fabmap"} & set(names)  # a trained model is given by its run directory
     for name in ("hog", "sad"):
         assert open_describer(name).method == name
@@ -31,6 +32,20 @@ def test_a_new_file_is_a_new_method(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert "_helper" not in method_names()
     assert open_describer("echo:https://host/a:b") == "https://host/a:b"  # type: ignore[comparison-overlap]
     del sys.modules["everplace.describe.methods.echo"]
+
+
+def test_what_a_method_needs_from_the_net_is_fetched_before_it_opens(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "deep.py").write_text(
+        "steps = []\n"
+        "def prepare(argument, progress):\n    steps.append(('prepare', argument, progress))\n"
+        "def open_method(argument):\n    return [*steps, argument]\n"
+    )
+    monkeypatch.setattr(methods, "__path__", [*methods.__path__, str(tmp_path)])
+    opened = open_describer("deep:x", progress=quiet)
+    assert opened == [("prepare", "x", quiet), "x"]  # type: ignore[comparison-overlap]
+    del sys.modules["everplace.describe.methods.deep"]
 
 
 def test_a_run_directory_is_opened_as_a_trained_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -181,7 +181,7 @@ def _evaluated(
     from everplace.plots.canvas import save_figure
 
     progress = show_progress()
-    describer = open_describer(method)
+    describer = open_describer(method, progress=progress)
     selection = Selection(parse_frames(frames) if frames else None, drop_dark, drop_stationary)
     chosen, pair = choose_pair(open_route(route), query, database, selection, progress)
     truth, _ = true_matches(chosen, pair, Truth(tolerance, radius))

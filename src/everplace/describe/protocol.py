@@ -14,6 +14,7 @@ from everplace.errors import MethodError
 __all__ = [
     "Describer",
     "FittedDescriber",
+    "LargeDescriber",
     "Metric",
     "ProbabilisticDescriber",
     "Settings",
@@ -80,6 +81,18 @@ class FittedDescriber(Describer, Protocol):
     def seen_stems(self) -> frozenset[str]:
         """Stems of the frames that it was fitted on or chosen by; empty where that was not recorded."""
         ...
+
+
+@runtime_checkable
+class LargeDescriber(Describer, Protocol):
+    """A describer whose memory grows with the images it describes at once, such as a deep network.
+
+    Attributes:
+        batch: Images at once where nobody asks for another number.
+    """
+
+    @property
+    def batch(self) -> int: ...  # noqa: D102
 
 
 def require_images(images: NDArray[np.uint8], spec: ImageSpec, method: str) -> None:

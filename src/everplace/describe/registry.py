@@ -12,6 +12,7 @@ from everplace.describe import methods
 from everplace.describe.protocol import Describer
 from everplace.errors import MethodError
 from everplace.files import readable
+from everplace.progress import Progress, quiet
 
 __all__ = ["method_names", "open_describer"]
 
@@ -25,12 +26,13 @@ def method_names() -> list[str]:
     return sorted(name for name in found if not name.startswith("_") and name not in _RUN_METHODS.values())
 
 
-def open_describer(method: str) -> Describer:
+def open_describer(method: str, *, progress: Progress = quiet) -> Describer:
     """Opens a method for describing images.
 
     Args:
         method: A run directory (it holds config.toml), "name", or "name:argument"; what the argument means
             is the method's affair.
+        progress: Told of what has to be downloaded first, such as published weights.
 
     Raises:
         MethodError: There is no such method, or it cannot run here.
@@ -38,10 +40,10 @@ def open_describer(method: str) -> Describer:
     """
     # os.path answers False where pathlib raises: a name too long for a path, or with NUL.
     if method and os.path.isfile(os.path.join(method, "config.toml")):  # noqa: PTH113, PTH118
-        return _open(_RUN_METHODS.get(_kind(Path(method)), "vae"), method)
+        return _open(_RUN_METHODS.get(_kind(Path(method)), "vae"), method, progress)
     name, _, argument = method.partition(":")
     if name in method_names():
-        return _open(name, argument)
+        return _open(name, argument, progress)
     choice = f"choose one of {', '.join(method_names())}, or a run directory made by `everplace train`"
     if os.path.isdir(method):  # noqa: PTH112
         raise MethodError(f"{readable(method)} is no run directory, it holds no config.toml; {choice}")
@@ -56,7 +58,9 @@ def _kind(run: Path) -> str:
         return ""
 
 
-def _open(name: str, argument: str) -> Describer:
+def _open(name: str, argument: str, progress: Progress) -> Describer:
     module = importlib.import_module(f"{methods.__name__}.{name}")
+    if hasattr(module, "prepare"):  # opening by itself downloads nothing
+        module.prepare(argument, progress)
     describer: Describer = module.open_method(argument)
     return describer

@@ -101,7 +101,7 @@ def evaluate_method(
         ConfigError: The method's descriptors cannot be standardised.
         ImageError: A frame cannot be decoded.
     """
-    describer = open_describer(method)
+    describer = open_describer(method, progress=progress)
     if matching.standardise is not None:
         require_standardisable(describer.method, describer.metric)
     chosen, pair = choose_pair(route, query, database, selection, progress)

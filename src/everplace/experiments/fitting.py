@@ -63,7 +63,7 @@ def fit_and_open(
         if method in fitted:
             continue
         try:
-            opened[method] = open_describer(method)
+            opened[method] = open_describer(method, progress=progress)
         except MethodError as error:
             if method.partition(":")[0] not in method_names():
                 raise
