@@ -23,7 +23,7 @@ from everplace.model.bounds import Weights
 from everplace.model.checkpoint import load_checkpoint
 from everplace.model.images import to_input
 from everplace.training import fit
-from everplace.training.callbacks import CollapseWarning
+from everplace.training.callbacks import CollapseWarning, RunKeeper
 from everplace.training.config import TrainConfig
 from everplace.training.fit import TrainSummary, bf16_is_fast, train
 from everplace.training.frames import fingerprint, split_route
@@ -165,14 +165,14 @@ def test_the_best_recipe_is_trained_named_and_resumed_to_the_same_weights(
         if done:
             raise StopError
 
-    keep = fit.RunKeeper.on_train_epoch_end
+    keep = RunKeeper.on_train_epoch_end
     with pytest.MonkeyPatch.context() as patch:
 
-        def end_early(self: fit.RunKeeper, trainer: Any, module: Any) -> None:
+        def end_early(self: RunKeeper, trainer: Any, module: Any) -> None:
             keep(self, trainer, module)
             stop(self.progress.epoch)
 
-        patch.setattr(fit.RunKeeper, "on_train_epoch_end", end_early)
+        patch.setattr(RunKeeper, "on_train_epoch_end", end_early)
         with pytest.raises(StopError):
             train(route, config, stopped, save_every=0)
     train(route, config, stopped, resume=True, save_every=0)
