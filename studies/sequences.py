@@ -156,7 +156,7 @@ def _answers(S: NDArray[np.float32]) -> dict[str, list[Answer]]:
 
 def _means(values: list[dict[str, float | None]]) -> dict[str, float | None]:
     """Means over the drives that a measure has a meaning for."""
-    known = {key: [one[key] for one in values if one[key] is not None] for key in values[0]}
+    known = {key: [value for one in values if (value := one[key]) is not None] for key in values[0]}
     return {key: float(np.mean(ones).round(4)) if ones else None for key, ones in known.items()}
 
 

@@ -26,7 +26,7 @@ def call(*arguments: str | Path) -> tuple[int, str]:
 
 
 def evaluated(route: Path, out: Path, *options: str) -> tuple[dict[str, object], str]:
-    arguments = ["--method", "hog", "--database", "summer", "--query", "winter", "--out", out]
+    arguments: list[str | Path] = ["--method", "hog", "--database", "summer", "--query", "winter", "--out", out]
     status, err = call("evaluate", route, *arguments, *options)
     assert status == 0, err
     return json.loads((out / "metrics.json").read_text()), (out / "report.html").read_text()
@@ -44,8 +44,8 @@ def test_the_method_is_named_where_it_is_on(tiny_route: Path, tmp_path: Path) ->
 
 
 def test_a_comparison_names_it_too(tiny_route: Path, tmp_path: Path) -> None:
-    options = ["--methods", "hog", "--sequence", "3", "--sequence-method", "seqslam", "--out", tmp_path]
-    status, err = call("compare", tiny_route, *options)
+    how = ["--sequence", "3", "--sequence-method", "seqslam"]
+    status, err = call("compare", tiny_route, "--methods", "hog", *how, "--out", tmp_path)
     assert status == 0, err
     assert json.loads((tmp_path / "metrics.json").read_text())["sequence_method"] == "seqslam"
     assert "sequences of 3 (seqslam)" in (tmp_path / "table.md").read_text()
@@ -57,13 +57,12 @@ def test_matches_are_those_of_the_search(tiny_route: Path, tmp_path: Path, metho
     for name, file in files.items():
         assert call("describe", "hog", tiny_route / name, "--out", file)[0] == 0
     out = tmp_path / "matches.csv"
-    options = ["--top", "2", "--sequence", "3", "--sequence-method", method, "--out", out]
+    options: list[str | Path] = ["--top", "2", "--sequence", "3", "--sequence-method", method, "--out", out]
     status, err = call("match", files["summer"], files["winter"], *options)
     assert status == 0, err
     summer, winter = load_descriptors(files["summer"]), load_descriptors(files["winter"])
     S = search_sequences(similarity(winter, summer), 3, method)
-    with out.open() as file:
-        rows = list(csv.DictReader(file))
+    rows = list(csv.DictReader(out.read_text().splitlines()))
     best = [row for row in rows if row["rank"] == "1"]
     assert [row["database"] for row in best] == [summer.names[j] for j in S.argmax(axis=1)]
     np.testing.assert_array_equal(np.array([float(row["score"]) for row in best], S.dtype), S.max(axis=1))
@@ -73,12 +72,12 @@ def test_matches_are_those_of_the_search(tiny_route: Path, tmp_path: Path, metho
 @pytest.mark.parametrize("command", ["match", "evaluate", "compare", "show"])
 def test_another_method_is_refused_by_name(tiny_route: Path, tmp_path: Path, command: str) -> None:
     pair = ["--database", "summer", "--query", "winter", "--method", "hog"]
-    arguments = {
+    arguments: dict[str, list[str | Path]] = {
         "match": ["match", "a.h5", "b.h5"],
         "evaluate": ["evaluate", tiny_route, *pair],
         "compare": ["compare", tiny_route, "--methods", "hog"],
         "show": ["show", "matrix", tiny_route, *pair],
-    }[command]
-    status, err = call(*arguments, "--sequence-method", "dtw", "--out", tmp_path / "out.png")
+    }
+    status, err = call(*arguments[command], "--sequence-method", "dtw", "--out", tmp_path / "out.png")
     assert status == 2
     assert "--sequence-method 'dtw' is not known; choose filter or seqslam or mean" in err

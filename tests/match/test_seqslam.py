@@ -91,7 +91,7 @@ def test_an_even_speed_is_followed(speed: float) -> None:
 def test_unknown_scores_count_in_no_mean() -> None:
     S = np.array([[1.0, 2.0], [np.nan, 4.0], [np.nan, np.nan]])
     found = seqslam(S, 2, velocities=(1.0,), window=0)
-    np.testing.assert_allclose(found, [[1, 2], [-np.inf, 2.5], [-np.inf, -np.inf]])
+    np.testing.assert_allclose(found, np.array([[1, 2], [-np.inf, 2.5], [-np.inf, -np.inf]]))
     rest = np.random.default_rng(2).normal(size=(3, 9))
     gappy = np.insert(rest, 4, np.nan, axis=1)
     # Far from the gap nothing changes.

@@ -158,7 +158,8 @@ class RouteFilter:
     @property
     def probabilities(self) -> NDArray[np.float64]:
         """N: the probability of every place after the last frame; what is missing to 1 is "not on the map"."""
-        return self._belief.places[0]
+        known: NDArray[np.float64] = self._belief.places[0]
+        return known
 
 
 def answer(probabilities: NDArray[np.float64], reach: int) -> Answer:

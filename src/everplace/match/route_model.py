@@ -118,7 +118,7 @@ def likelihood_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.flo
     varies = spread > 1e-12 * np.abs(mean)  # less is rounding
     z *= np.divide(d, spread, out=np.full_like(spread, np.nan), where=varies)
     z -= d * d / 2
-    ratios = np.exp(np.minimum(z, _LARGEST, out=z), out=z)
+    ratios: NDArray[np.float64] = np.exp(np.minimum(z, _LARGEST))
     ratios *= 1 - model.outlier
     ratios += model.outlier
     ratios *= np.exp(-model.doubt)
