@@ -221,7 +221,7 @@ def _first_position(bag: Bag, topic: Topic, path: Path) -> tuple[float, float]:
 
 def _is_fixed(message: Any) -> bool:
     """Says whether a receiver knew where it was (status -1: it did not)."""
-    return message.status.status >= 0 and abs(message.latitude) <= 90 and abs(message.longitude) <= 180
+    return bool(message.status.status >= 0 and abs(message.latitude) <= 90 and abs(message.longitude) <= 180)
 
 
 def _without_poses(topic: Topic, path: Path) -> RouteError:
