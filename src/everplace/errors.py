@@ -14,6 +14,7 @@ the class's status.
     │       └── MissingExtraError   an optional dependency is not installed
     └── MachineError                the machine failed, exit status 1
         ├── StorageError            disk full, no permission, quota
+        ├── DownloadError           no network, or a server that does not give the file
         └── DivergedError           training met a number that is not finite
 """
 
@@ -24,6 +25,7 @@ __all__ = [
     "ConfigError",
     "DescriptorsError",
     "DivergedError",
+    "DownloadError",
     "EverplaceError",
     "ImageError",
     "InputError",
@@ -90,6 +92,10 @@ class MachineError(EverplaceError):
 
 class StorageError(MachineError):
     """Writing failed: disk full, no permission, or quota."""
+
+
+class DownloadError(MachineError):
+    """A file could not be fetched: no network, or a server that does not give it, or gives another one."""
 
 
 class DivergedError(MachineError):

@@ -11,12 +11,28 @@ from pathlib import Path
 
 from everplace.errors import ConfigError, StorageError
 
-__all__ = ["readable", "require_free_directory", "whole_directory", "whole_file", "write_bytes", "write_text"]
+__all__ = [
+    "cache_directory",
+    "readable",
+    "require_free_directory",
+    "whole_directory",
+    "whole_file",
+    "write_bytes",
+    "write_text",
+]
 
 
 def readable(path: str | os.PathLike[str]) -> str:
     """Returns a path as text that can always be printed (bytes that are not UTF-8 are escaped)."""
     return os.fsencode(os.fspath(path)).decode("utf-8", "backslashreplace")
+
+
+def cache_directory(name: str) -> Path:
+    """Returns where one sort of things is kept for the next time: in $EVERPLACE_CACHE, or else the user's cache."""
+    from platformdirs import user_cache_path
+
+    chosen = os.environ.get("EVERPLACE_CACHE")
+    return (Path(chosen) if chosen else user_cache_path("everplace", appauthor=False)) / name
 
 
 @contextlib.contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import pickle
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -50,8 +51,11 @@ def test_what_older_numpy_wrote_under_python_2(tmp_path: Path) -> None:
     number = b"\x80\x02cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\nK\x00\x85U\x01b\x87R(K\x01K\x02\x85"
     number += b"cnumpy\ndtype\nU\x02i2K\x00K\x01\x87R(K\x03U\x01<NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb"
     number += b"\x89U\x04\x01\x00\xff\xfftb."
-    (tmp_path / "b.npy").write_bytes(header((2,)) + number)
-    assert read_object_array(tmp_path / "b.npy") == [1, -1]
+    # It wrote shapes as (2L,), which NumPy reads with a warning that says to save the file again.
+    (tmp_path / "b.npy").write_bytes(header((2,)).replace(b"(2,), }  ", b"(2L,), } ") + number)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert read_object_array(tmp_path / "b.npy") == [1, -1]
 
 
 @pytest.mark.parametrize("order", ["C", "F"])
@@ -116,6 +120,24 @@ def test_lists_that_hold_one_another_many_times_do_not_grow(tmp_path: Path) -> N
     np.save(tmp_path / "b.npy", array, allow_pickle=True)
     with pytest.raises(RouteError, match="more than lists of numbers"):
         read_object_array(tmp_path / "b.npy")
+
+
+def test_a_small_file_cannot_ask_for_much_memory(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for claim in (
+        b"N" + b"r\xff\xff\xff\x0f.",
+        b"\x8e" + b"\xff" * 4 + b"\x01\x00\x00\x00.",
+        b"\x96" + b"\0" * 4 + b"\x01\0\0\0.",
+    ):
+        (tmp_path / "a.npy").write_bytes(header((1,)) + b"\x80\x05" + claim)
+        with pytest.raises(RouteError, match="damaged or unsafe|not a whole"):
+            read_object_array(tmp_path / "a.npy")
+    number = b"\x8a\xff" + b"\x7f" * 255 + b"."
+    (tmp_path / "a.npy").write_bytes(header((1,)) + b"\x80\x05" + number)
+    with pytest.raises(RouteError, match="no array"):
+        read_object_array(tmp_path / "a.npy")
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # kilobytes; the first asks for 4 GB
 
 
 @pytest.mark.parametrize(

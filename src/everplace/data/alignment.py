@@ -6,14 +6,23 @@ increase: no frame is used twice, and the order of travel is kept.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from everplace.errors import ConfigError
 
-__all__ = ["Assignment", "align_by_pairs", "align_by_position", "align_drives", "best_chain", "candidates_within"]
+__all__ = [
+    "Assignment",
+    "align_all_by_pairs",
+    "align_all_by_position",
+    "align_by_pairs",
+    "align_by_position",
+    "align_drives",
+    "best_chain",
+    "sparsest",
+]
 
 Assignment = tuple[NDArray[np.int64], NDArray[np.int64]]
 """K indices into one drive and K into another; both increase strictly."""
@@ -23,29 +32,53 @@ _COMPACT_ABOVE = 1 << 20
 
 
 def align_drives(
-    reference: int, others: Sequence[int], align: Callable[[int, NDArray[np.int64]], Assignment]
-) -> tuple[NDArray[np.int64], list[NDArray[np.int64]]]:
+    counts: Mapping[str, int], reference: str, align: Callable[[str, NDArray[np.int64]], Assignment]
+) -> dict[str, NDArray[np.int64]]:
     """Finds the places that all drives have.
 
     One drive after the other is aligned with those frames of the reference that all drives before it have, so
     that drives that are sparser than the reference do not miss each other.
 
     Args:
-        reference: Number of frames of the drive that the others are aligned with.
-        others: One name or number for each of the other drives.
-        align: Given one of `others` and K indices into the reference, returns which of these K (indices into
-            the K) belong to which frames of the other drive.
+        counts: Number of frames of each drive, by name.
+        reference: The drive that the others are aligned with.
+        align: Given another drive and K frames of the reference, returns which of these K (indices into the K)
+            show the same places as which frames of the other drive.
 
     Returns:
-        P indices into the reference, and for each of `others` P indices into it.
+        For each drive the frames of the P places, increasing.
     """
-    places = np.arange(reference, dtype=np.int64)
-    found: list[NDArray[np.int64]] = []
-    for other in others:
-        kept, partners = align(other, places)
-        places = places[kept]
-        found = [*(indices[kept] for indices in found), partners]
-    return places, found
+    found = {reference: np.arange(counts[reference], dtype=np.int64)}
+    for name in counts:
+        if name != reference:
+            kept, partners = align(name, found[reference])
+            found = {other: frames[kept] for other, frames in found.items()}
+            found[name] = partners
+    return {name: found[name] for name in counts}
+
+
+def align_all_by_position(
+    positions: Mapping[str, NDArray[np.float64]], reference: str, radius: float
+) -> dict[str, NDArray[np.int64]]:
+    """Finds the places of drives whose positions are known; see `align_drives` and `align_by_position`."""
+    counts = {name: len(frames) for name, frames in positions.items()}
+    return align_drives(
+        counts,
+        reference,
+        lambda name, places: align_by_position(positions[reference][places], positions[name], radius),
+    )
+
+
+def align_all_by_pairs(
+    counts: Mapping[str, int], reference: str, pairs: Mapping[str, NDArray[np.int64]]
+) -> dict[str, NDArray[np.int64]]:
+    """Finds the places of drives for which pairs were set; see `align_drives` and `align_by_pairs`."""
+    return align_drives(counts, reference, lambda name, places: align_by_pairs(pairs[name], places))
+
+
+def sparsest(counts: Mapping[str, int]) -> str:
+    """Returns the drive with the fewest frames, or the first of them: each of its frames can have a partner."""
+    return min(counts, key=lambda name: counts[name])
 
 
 def align_by_position(a: NDArray[np.float64], b: NDArray[np.float64], radius: float) -> Assignment:
@@ -66,22 +99,22 @@ def align_by_position(a: NDArray[np.float64], b: NDArray[np.float64], radius: fl
     Raises:
         ConfigError: The radius is not a positive number.
     """
-    return best_chain(len(b), candidates_within(a, b, radius))
-
-
-def candidates_within(
-    a: NDArray[np.float64], b: NDArray[np.float64], radius: float
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-    """Yields for each frame of `a` the frames of `b` within the radius, ascending, and their scores in (0, 1].
-
-    Raises:
-        ConfigError: The radius is not a positive number.
-    """
     from scipy.spatial import KDTree
 
     if not (np.isfinite(radius) and radius > 0):
         raise ConfigError(f"radius {radius} is not a positive number of metres; give one")
-    return _near(KDTree(b), a, b, radius)
+    tree = KDTree(b)
+
+    def rows() -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+        for start in range(0, len(a), _ROWS):
+            block = a[start : start + _ROWS]
+            for position, near in zip(block, tree.query_ball_point(block, radius, return_sorted=True), strict=True):
+                cells = np.asarray(near, np.int64)
+                closeness = 1.0 - np.linalg.norm(b[cells] - position, axis=1) / radius
+                inside = closeness > 0
+                yield cells[inside], np.square(closeness[inside])
+
+    return best_chain(len(b), rows())
 
 
 def align_by_pairs(pairs: NDArray[np.int64], places: NDArray[np.int64]) -> Assignment:
@@ -212,15 +245,3 @@ def _raise(
     where = np.arange(total) - np.repeat(np.cumsum(lengths) - lengths, lengths) + at[which]
     best[where] = sums[which]
     last[where] = nodes[which]
-
-
-def _near(
-    tree: object, a: NDArray[np.float64], b: NDArray[np.float64], radius: float
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-    for start in range(0, len(a), _ROWS):
-        block = a[start : start + _ROWS]
-        found = tree.query_ball_point(block, radius, return_sorted=True)  # type: ignore[attr-defined]
-        for position, cells in zip(block, found, strict=True):
-            near = np.asarray(cells, np.int64)
-            scores = np.square(1.0 - np.minimum(np.linalg.norm(b[near] - position, axis=1) / radius, 1.0))
-            yield near[scores > 0], scores[scores > 0]

@@ -24,7 +24,7 @@ def local_plane(degrees: NDArray[np.float64], origin: tuple[float, float]) -> ND
     Returns:
         K×2 metres: x to the east, y to the north.
     """
-    latitude, longitude = np.radians(origin)
+    latitude = np.radians(origin[0])
     square = _FLATTENING * (2 - _FLATTENING)
     bent = 1 - square * np.sin(latitude) ** 2
     prime_vertical = _SEMI_MAJOR / np.sqrt(bent)

@@ -29,7 +29,7 @@ from everplace.errors import RouteError, StorageError
 from everplace.files import readable, require_free_directory, whole_directory
 from everplace.progress import Progress, quiet
 
-__all__ = ["ImportSummary", "import_route"]
+__all__ = ["ImportSummary", "import_route", "write_route"]
 
 _LONGEST_NAME = 255  # bytes, on every usual file system
 
@@ -100,16 +100,45 @@ def import_route(
         route = opened.read(source, settings)
     except OSError as error:
         raise _unreadable(error, source) from error
+    return write_route(route, source, out, f"Imported with everplace data import {kind}.", copy=copy, progress=progress)
+
+
+def write_route(
+    route: ForeignRoute,
+    source: Path,
+    out: Path,
+    origin: str,
+    *,
+    copy: bool = False,
+    files: Mapping[str, str] | None = None,
+    progress: Progress = quiet,
+) -> ImportSummary:
+    """Writes what a source gives as a route; frames that are files become links, as `import_route` says.
+
+    Args:
+        route: What to write.
+        source: What it came from, for messages.
+        out: The route's directory; it must not exist, or be empty.
+        origin: A sentence that says where the route comes from, for whoever finds it later.
+        copy: Copy files instead of linking to them.
+        files: Texts to write beside the traverses, by file name.
+        progress: Shows how far it has come.
+
+    Raises:
+        ConfigError, RouteError, ImageError, StorageError: As for `import_route`.
+    """
+    require_free_directory(out)
     with whole_directory(out) as directory:
         writer = _Writer(directory, copy)
         for traverse in _reading(route.traverses, source):
             writer.write(traverse, source, progress)
         if not writer.traverses:
-            raise RouteError(f"{readable(source)} holds no traverse of the kind {kind!r}; check the path and the kind")
+            raise RouteError(f"{readable(source)} holds no traverse of this kind; check the path and the kind")
         if route.truth is not None:
             write_truth(directory / TRUTH_CSV, writer.known_pairs(_reading(route.truth, source), source))
-        text = _route_toml(kind, route, writer.conditions)
-        (directory / ROUTE_TOML).write_text(text, encoding="utf-8")
+        text = _route_toml(origin, route, writer.conditions)
+        for name, content in {**(files or {}), ROUTE_TOML: text}.items():
+            (directory / name).write_text(content, encoding="utf-8")
         if out.is_dir():
             out.rmdir()  # it was empty; a rename onto it would fail on Windows
     notes = route.notes if writer.links is None else (*route.notes, writer.links)
@@ -296,7 +325,7 @@ def _png(pixels: np.ndarray[Any, np.dtype[np.uint8]]) -> bytes:
     return data.tobytes()
 
 
-def _route_toml(kind: str, route: ForeignRoute, conditions: Mapping[str, str]) -> str:
+def _route_toml(origin: str, route: ForeignRoute, conditions: Mapping[str, str]) -> str:
     """Writes what directories cannot say, and the notes as comments for whoever finds the route later."""
     table: dict[str, Any] = {}
     if route.tolerance is not None:
@@ -310,5 +339,5 @@ def _route_toml(kind: str, route: ForeignRoute, conditions: Mapping[str, str]) -
     differing = {name: {"condition": condition} for name, condition in conditions.items() if condition != name}
     if differing:
         table["traverses"] = differing
-    comments = [f"Imported with everplace data import {kind}.", *route.notes]
+    comments = [origin, *route.notes]
     return "".join(f"# {' '.join(note.split())}\n" for note in comments) + tomli_w.dumps(table)

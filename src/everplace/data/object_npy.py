@@ -7,8 +7,11 @@ their place, which build lists of numbers: not even NumPy's own constructors run
 
 from __future__ import annotations
 
+import io
 import math
 import pickle
+import pickletools
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
@@ -20,10 +23,11 @@ from everplace.files import readable
 
 __all__ = ["read_object_array"]
 
-_LARGEST = 1 << 30
+_LARGEST = 1 << 28
 _DEEPEST = 4
 _NUMBERS = frozenset(["b1", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f2", "f4", "f8"])
 _OBJECTS = frozenset({"O", "O4", "O8"})
+_PUTS = frozenset({"PUT", "BINPUT", "LONG_BINPUT"})
 
 
 def read_object_array(path: Path) -> list[Any]:
@@ -41,8 +45,11 @@ def read_object_array(path: Path) -> list[Any]:
     try:
         if path.stat().st_size > _LARGEST:
             raise RouteError(f"{readable(path)} is larger than {_LARGEST} bytes; it is no list of matches")
-        with path.open("rb") as file:
-            return _read(path, file)
+        # From memory: there a length that a file only claims to have costs nothing.
+        content = io.BytesIO(path.read_bytes())
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # NumPy's advice to save again what Python 2 wrote
+            return _read(path, content)
     except OSError as error:
         raise RouteError(
             f"cannot read {readable(path)}: {error.strerror or error}; check that the data set is whole"
@@ -68,6 +75,7 @@ def _read(path: Path, file: IO[bytes]) -> list[Any]:
         shape, fortran, dtype = np.lib.format.read_array_header_2_0(file)
     array = _Array()
     if dtype.hasobject:
+        _require_modest(file)
         loaded = _Unpickler(file).load()
         if not isinstance(loaded, _Array):
             raise pickle.UnpicklingError("what it holds is no array")
@@ -194,9 +202,20 @@ def _constructors() -> dict[tuple[str, str], Any]:
     return known
 
 
+def _require_modest(file: IO[bytes]) -> None:
+    """Refuses a pickle that names a length or a place in the memo beyond its own size, which costs memory."""
+    start = file.tell()
+    size = file.seek(0, io.SEEK_END)
+    file.seek(start)
+    for opcode, argument, _ in pickletools.genops(file):  # raises ValueError where fewer bytes follow than claimed
+        if opcode.name in _PUTS and int(argument or 0) > size:
+            raise pickle.UnpicklingError("it wants to remember more values than it holds")
+    file.seek(start)
+
+
 def _plain(value: Any, done: dict[int, Any], depth: int = 0) -> Any:
     """Makes lists of arrays and tuples; what occurs twice stays one object, so that nothing grows."""
-    if isinstance(value, int | float):
+    if isinstance(value, float) or (isinstance(value, int) and abs(value) < 1 << 64):
         return value
     if not isinstance(value, _Array | list | tuple) or depth > _DEEPEST:
         raise pickle.UnpicklingError("it holds more than lists of numbers")

@@ -99,6 +99,9 @@ class Route:
 
     def shared_stems(self) -> tuple[str, ...]:
         """Returns the stems that every traverse has, in natural order; empty when there is none."""
+        first, *others = self.traverses
+        if all(traverse.stems == first.stems for traverse in others):
+            return first.stems
         common = self._common()
         return tuple(stem for stem in self.traverses[0].stems if stem in common)
 

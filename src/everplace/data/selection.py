@@ -20,7 +20,7 @@ from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.progress import Progress, quiet
 
-__all__ = ["FILTER_IMAGE", "Selection", "dark_places", "parse_frames", "select", "stationary_places"]
+__all__ = ["FILTER_IMAGE", "Selection", "dark_places", "parse_frames", "select", "spread", "stationary_places"]
 
 FILTER_IMAGE = ImageSpec(size=(32, 64), grey=True)
 """What the filters look at: 64×32 pixels (width × height), grey."""
@@ -92,6 +92,11 @@ def select(route: Route, selection: Selection, progress: Progress = quiet, *, on
         return _restrict(route.at(shared), selection, progress)
     alone = [_restrict(replace(route, traverses=(traverse,)), selection, progress) for traverse in route.traverses]
     return replace(route, traverses=tuple(part.traverses[0] for part in alone))
+
+
+def spread(total: int, count: int) -> list[int]:
+    """At most `count` positions, evenly spread over `total`."""
+    return [int(position) for position in np.unique(np.linspace(0, total - 1, min(count, total)).round())]
 
 
 def dark_places(pixels: Sequence[NDArray[np.uint8]], below: float = _DARK_BELOW) -> NDArray[np.bool_]:

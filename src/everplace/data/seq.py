@@ -24,7 +24,7 @@ import os
 import stat
 import struct
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -90,14 +90,18 @@ class SeqFile:
         """Returns the number of whole frames."""
         return len(self.offsets)
 
-    def frames(self) -> Iterator[SeqFrame]:
-        """Reads the frames in order, one in memory at a time; closing the iterator closes the file.
+    def frames(self, indices: Iterable[int] | None = None) -> Iterator[SeqFrame]:
+        """Reads frames, one in memory at a time; closing the iterator closes the file.
+
+        Args:
+            indices: Which frames, from 0 on; None: all in order.
 
         Raises:
             RouteError: The file changed since it was opened, or cannot be read.
         """
         with _opened(self.path) as file:
-            for offset, length in zip(self.offsets, self.lengths, strict=True):
+            for index in range(len(self)) if indices is None else indices:
+                offset, length = self.offsets[index], self.lengths[index]
                 data = _read(self.path, file, offset, length)
                 stamp = _read(self.path, file, offset + length, _STAMP.size, at_least=6)
                 yield SeqFrame(self._content(data), _seconds(stamp))

@@ -170,7 +170,7 @@ def write_truth(path: Path, pairs: Iterable[TruthPair]) -> int:
     """
     count = 0
     with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
+        writer = csv.writer(file)  # a stem with a carriage return is quoted only by this kind of line end
         writer.writerow(TruthPair._fields)
         for count, pair in enumerate(pairs, start=1):  # noqa: B007
             writer.writerow(pair)

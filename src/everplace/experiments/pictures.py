@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from everplace.data.images import ImageSpec, decode_image, decode_images
 from everplace.data.route import Route
+from everplace.data.selection import spread
 from everplace.errors import RouteError
 from everplace.evaluate.audit import encode_frames
 from everplace.experiments.retrieval import Pair, Retrieval
@@ -19,14 +20,9 @@ from everplace.plots.gallery import Match, draw_matches
 from everplace.plots.grid import draw_constant_grid, draw_swap_grid
 from everplace.plots.matrix import draw_similarity
 
-__all__ = ["constant_figure", "match_figure", "matrix_figure", "spread", "swap_figure"]
+__all__ = ["constant_figure", "match_figure", "matrix_figure", "swap_figure"]
 
 _PICTURE = ImageSpec()
-
-
-def spread(total: int, count: int) -> list[int]:
-    """At most `count` positions, evenly spread over `total`."""
-    return [int(position) for position in np.unique(np.linspace(0, total - 1, min(count, total)).round())]
 
 
 def match_figure(pair: Pair, result: Retrieval, *, count: int = 8, title: str = "") -> Figure:

@@ -16,8 +16,9 @@ from everplace.describe.pipeline import describe_traverse, time_describer
 from everplace.describe.protocol import Describer
 from everplace.errors import ConfigError
 from everplace.evaluate.scores import PrecisionRecall, Scores, evaluate, precision_recall
+from everplace.match.place_posterior import new_place_summary
 from everplace.match.search import compared
-from everplace.match.sequence import average_sequences
+from everplace.match.sequence import SequenceMethod, search_sequences
 from everplace.match.similarity import similarity
 from everplace.match.standardise import Standardisation
 from everplace.progress import Progress, quiet
@@ -51,15 +52,25 @@ class Matching:
 
     Attributes:
         standardise: Subtract each traverse's mean descriptor (`centre`), also divide by its spread (`full`).
-        sequence: Average the similarity along the diagonal over so many frames; 1: frame by frame.
+        sequence: Score places by so many last frames; 1: frame by frame.
+        sequence_method: How, see `everplace.match.sequence`.
     """
 
     standardise: Standardisation | None = None
     sequence: int = 1
+    sequence_method: SequenceMethod = "filter"
+
+    def metrics(self) -> dict[str, str | int | None]:
+        """What metrics.json says of the match."""
+        return {
+            "standardise": self.standardise,
+            "sequence": self.sequence,
+            "sequence_method": self.sequence_method if self.sequence > 1 else None,
+        }
 
     def __str__(self) -> str:
         parts = [f"standardised ({self.standardise})"] if self.standardise else []
-        parts += [f"sequences of {self.sequence}"] if self.sequence > 1 else []
+        parts += [f"sequences of {self.sequence} ({self.sequence_method})"] if self.sequence > 1 else []
         return ", ".join(parts) or "plain"
 
 
@@ -83,6 +94,8 @@ class Retrieval:
         curve: The best-match precision-recall curve.
         dimension: Numbers in a descriptor.
         ms_per_image: Description alone, model loading and decoding not counted.
+        new_place: Where the method knows the probability that a query shows a place that is not in the database: its
+            mean over the queries (`mean_probability`), and how many queries have one above one half (`above_half`).
     """
 
     method: str
@@ -92,6 +105,7 @@ class Retrieval:
     curve: PrecisionRecall
     dimension: int
     ms_per_image: float
+    new_place: dict[str, float] | None = None
 
 
 def choose_pair(
@@ -162,7 +176,7 @@ def retrieve(
     query, database = described[pair.query.name], described[pair.database.name]
     S = similarity(*compared(query, database, matching.standardise))
     if matching.sequence > 1:
-        S = average_sequences(S, matching.sequence)
+        S = search_sequences(S, matching.sequence, matching.sequence_method)
     return Retrieval(
         method=describer.method,
         similarity=S,
@@ -171,4 +185,5 @@ def retrieve(
         curve=precision_recall(S, truth),
         dimension=describer.dimension,
         ms_per_image=time_describer(describer, pair.query.paths) if ms_per_image is None else ms_per_image,
+        new_place=new_place_summary(query, database),
     )

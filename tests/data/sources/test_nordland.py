@@ -7,6 +7,7 @@ import sys
 import tarfile
 import zipfile
 from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from everplace.data.images import ImageSpec, decode_image, resize_image
 from everplace.data.importing import ImportSummary, import_route
 from everplace.data.natural_order import natural_sorted
 from everplace.data.route import Route, open_route
-from everplace.data.sources import _nordland_presets
+from everplace.data.sources import _nordland_presets, _nordland_video
 from everplace.data.sources._nordland_names import read_list, season_of
 from everplace.data.sources._nordland_presets import choose_frames
 from everplace.data.truth import truth_by_position
@@ -302,6 +303,25 @@ def test_damaged_and_nameless_videos_are_refused(tmp_path: Path) -> None:
         message = refused(tmp_path / "winter.mkv")
         assert "winter.mkv" in message
         assert "fetch it again" in message
+
+
+def test_a_video_with_a_gap_is_refused(tmp_path: Path) -> None:
+    av = pytest.importorskip("av")
+    with av.open(str(tmp_path / "winter.mkv"), "w") as container:
+        stream = container.add_stream("ffv1", rate=5)
+        stream.width, stream.height, stream.pix_fmt = 32, 16, "bgr0"
+        for tick in (*range(10), *range(40, 50)):
+            frame = av.VideoFrame.from_ndarray(np.zeros((16, 32, 3), np.uint8), format="rgb24")
+            frame.pts, frame.time_base = tick, Fraction(1, 5)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    assert "has a gap of several seconds at second 2" in refused(tmp_path / "winter.mkv")
+
+
+def test_a_video_that_claims_to_last_for_ever_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    video(tmp_path / "winter.mkv", "winter", 3)
+    monkeypatch.setattr(_nordland_video, "_LONGEST", 2)
+    assert "winter.mkv claims to be 3 seconds long" in refused(tmp_path / "winter.mkv")
 
 
 def test_size_is_for_every_form(tmp_path: Path) -> None:

@@ -21,6 +21,9 @@ __all__ = ["VIDEO_ENDINGS", "VideoCopy"]
 VIDEO_ENDINGS = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".ts")
 """Endings (lower case) by which a file counts as a video."""
 
+_LONGEST = 86_400  # seconds; the journey takes ten hours
+_LONGEST_GAP = 2  # seconds without a frame: beyond, one frame would stand for too many places
+
 
 class VideoCopy:
     """The videos, one a season; frame `images-00001` is the first, `images-00002` the one a second later.
@@ -110,8 +113,8 @@ def _seconds(path: Path) -> int:
         rate = stream.average_rate or Fraction(25)
     # The last frame is shown for 1 / rate seconds: full second k exists if a frame begins at or after it.
     count = math.floor(float(length - 1 / rate) + 1e-6) + 1
-    if count < 1 or length <= 0:
-        raise RouteError(f"{readable(path)} has no length; fetch it again")
+    if not 0 < count <= _LONGEST:
+        raise RouteError(f"{readable(path)} claims to be {float(length):.6g} seconds long; fetch it again")
     return count
 
 
@@ -126,6 +129,10 @@ def _frames(path: Path) -> Iterator[tuple[int, Any]]:
             if frame.time is None:
                 continue
             start = frame.time if start is None else start
-            while frame.time - start >= second - 1e-6:  # after a gap one frame stands for several seconds
+            if frame.is_corrupt:
+                raise RouteError(f"{readable(path)} is damaged at second {frame.time - start:.0f}; fetch it again")
+            if frame.time - start > second + _LONGEST_GAP:
+                raise RouteError(f"{readable(path)} has a gap of several seconds at second {second}; fetch it again")
+            while frame.time - start >= second - 1e-6:  # after a short gap one frame stands for two seconds
                 yield second, lambda frame=frame: np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
                 second += 1

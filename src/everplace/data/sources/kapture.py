@@ -86,7 +86,7 @@ def _read_directory(directory: Path, options: Options) -> list[ImageSequence]:
         centres = {
             (row.whole(0, "a time stamp"), row.text(1)): _transform(row)
             for row in read_rows(sensors / "trajectories.txt", ",")
-            if len(row) <= 2 or any(row.fields[2:])
+            if len(row) < 9 or all(row.fields[2:9])  # the format lets unknown values be empty
         }
         rigs = _read_rigs(sensors / "rigs.txt")
     poses = {name: _camera_from_world(when, camera, centres, rigs) for name, (when, camera) in records.items()}
@@ -123,6 +123,8 @@ def _read_records(sensors: Path, camera: str) -> dict[str, tuple[int, str]]:
         if device not in cameras:
             raise row.wrong(f"names the camera {device!r}, which sensors.txt does not; correct it")
         records[row.inside(2)] = row.whole(0, "a time stamp"), device
+    if not records:
+        raise RouteError(f"{readable(path)} names no image; get the data set again")
     used = sorted({device for _, device in records.values()})
     if not camera and len(used) > 1:
         raise RouteError(

@@ -93,7 +93,7 @@ def _read_truth(path: Path, queries: int, references: int) -> dict[int, list[int
 
 def _index(value: Any, count: int, what: str) -> int:
     if isinstance(value, list) or not math.isfinite(value) or int(value) != value:
-        raise RouteError(f"{what} is {str(value)[:40]!r} where the index of an image must be; correct it")
+        raise RouteError(f"{what} is {str(value)[:40]} where the index of an image must be; correct it")
     if not 0 <= value < count:
         raise RouteError(
             f"{what} {str(value)[:40]} does not exist, there are {count} images from 0 on; complete the images or "
