@@ -131,7 +131,8 @@ def open_bag(path: Path) -> Iterator[Bag]:
             # A file object shows at once what the readers would tell less clearly.
             with (path / METADATA if path.is_dir() else path).open("rb"):
                 pass
-            reader = stack.enter_context(Reader1(path) if is_ros1 else Reader2(path))
+            reader: Reader1 | Reader2 = Reader1(path) if is_ros1 else Reader2(path)
+            stack.enter_context(reader)
             store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.LATEST)
         yield Bag(path, reader, store, is_ros1=is_ros1)
 

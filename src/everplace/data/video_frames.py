@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,10 @@ _BUFFER = 1 << 20
 # A file that ends this much before the end it announces was cut off. Announced ends are no more exact than that.
 _SLACK_SECONDS = 1.0
 _SLACK_FRAMES = 2.0
+
+
+_ANEW = "copy or export it again"
+_KEEP = f"{_ANEW}, or take the frames before that with --set damaged=keep"
 
 
 class DecodedFrame(NamedTuple):
@@ -79,44 +83,53 @@ def read_video(path: Path) -> Iterator[DecodedFrame]:
     with opened:
         frames = container.decode(stream)
         while True:
-            with _naming_errors(path, f"is damaged {_after(done, last)}"):
+            damage = (f"is damaged {_after(done, last)}", _KEEP) if done else ("holds no frame that can be decoded",)
+            with _naming_errors(path, *damage):
                 frame = next(frames, None)
                 if frame is None:
                     break
                 pixels = _upright(frame)
-            if frame.pts is not None:
+            seconds = None
+            if frame.pts is not None and frame.time_base is not None:
                 first = frame.pts if first is None else first
-                last = float((frame.pts - first) * frame.time_base)
-            yield DecodedFrame(pixels, None if frame.pts is None else last)
+                last = seconds = float((frame.pts - first) * frame.time_base)
+            yield DecodedFrame(pixels, seconds)
             done += 1
         if not done:
-            raise RouteError(f"{readable(path)} holds no frame that can be decoded; copy or export it again")
+            raise RouteError(f"{readable(path)} holds no frame that can be decoded; {_ANEW}")
         if _is_cut_off(container, stream, done, last):
-            raise RouteError(f"{readable(path)} breaks off {_after(done, last)}; {_REMEDY}")
-
-
-_REMEDY = "copy or export it again, or take the frames before that with --set damaged=keep"
+            raise RouteError(f"{readable(path)} breaks off {_after(done, last)}; {_KEEP}")
 
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
     try:
         import av
+        from av.container import InputContainer
     except ImportError as error:
         raise MissingExtraError("reading videos", "video") from error
     # Damage is an error, not a patch of the frame before; larger pictures than images may have are refused
     # before memory is taken.
     strict = {"err_detect": "crccheck+bitstream+buffer+explode", "max_pixels": str(MAX_PIXELS)}
     with (
-        path.open("rb") as file,
+        _open_file(path) as file,
         av.open(file, buffer_size=_BUFFER, options={"protocol_whitelist": "none"}) as container,
     ):
         stream = container.streams.best("video")
-        if stream is None:
+        if not isinstance(stream, av.VideoStream) or not isinstance(container, InputContainer):
             raise RouteError(f"{readable(path)} holds no video stream; give a video file")
         stream.codec_context.options = strict
         stream.thread_type = "AUTO"
         yield container, stream
+
+
+def _open_file(path: Path) -> BinaryIO:
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise RouteError(
+            f"cannot read {readable(path)}: {error.strerror}; check the path and its permissions"
+        ) from error
 
 
 def _upright(frame: VideoFrame) -> NDArray[np.uint8]:
@@ -158,17 +171,12 @@ def _after(done: int, last: float | None) -> str:
 
 
 @contextlib.contextmanager
-def _naming_errors(path: Path, problem: str) -> Iterator[None]:
+def _naming_errors(path: Path, problem: str, remedy: str = _ANEW) -> Iterator[None]:
     """Turns whatever FFmpeg's libraries raise into one sentence."""
     try:
         yield
     except EverplaceError:
         raise
     except Exception as error:
-        if isinstance(error, OSError) and error.filename is not None:
-            reason = f"cannot read {readable(path)}: {error.strerror}; check the path and its permissions"
-        else:
-            what = getattr(error, "strerror", None) or str(error).partition("\n")[0] or type(error).__name__
-            remedy = _REMEDY if "damaged" in problem else "copy or export it again"
-            reason = f"{readable(path)} {problem} ({what}); {remedy}"
-        raise RouteError(reason) from error
+        what = getattr(error, "strerror", None) or str(error).partition("\n")[0] or type(error).__name__
+        raise RouteError(f"{readable(path)} {problem} ({what}); {remedy}") from error

@@ -194,6 +194,15 @@ def test_what_is_no_bag(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+def test_fewer_images_than_announced(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "drive", [image(1.0), image(2.0)])
+    metadata = (path / "metadata.yaml").read_text()
+    assert metadata.count("message_count: 2") == 3  # of the bag, of its only file, of its only topic
+    (path / "metadata.yaml").write_text(metadata.replace("message_count: 2", "message_count: 3"))
+    with pytest.raises(RouteError, match=r"drive announces 3 messages of /camera, but holds only 2; reindex"):
+        import_route("bag", path, tmp_path / "out")
+
+
 def record(op: int, content: bytes) -> bytes:
     return bytes([op]) + len(content).to_bytes(8, "little") + content
 

@@ -51,7 +51,7 @@ def test_times_and_poses_by_time(tmp_path: Path, drives: Path) -> None:
     import_route("images", drives / "jan", tmp_path / "out", options)
     traverse = open_route(tmp_path / "out")["jan"]
     assert traverse.poses is not None
-    expected = [[0, 0, 0], [10, 2, 1.5], [20, 4, 3.0], [20, 6, np.pi], [20, 8, -3.0]]
+    expected = np.array([[0, 0, 0], [10, 2, 1.5], [20, 4, 3.0], [20, 6, np.pi], [20, 8, -3.0]])
     difference = traverse.poses - expected
     difference[:, 2] = np.angle(np.exp(1j * difference[:, 2]))  # 3.0 and -3.0 meet at π, not at 0
     np.testing.assert_allclose(difference, 0, atol=1e-9)

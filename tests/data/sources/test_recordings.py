@@ -59,7 +59,7 @@ def write_bag(traverse: Traverse, path: Path, form: str) -> None:
     plugin = StoragePlugin.MCAP if form == "mcap" else StoragePlugin.SQLITE3
     t: dict[str, Any] = dict(store.types)
     assert traverse.poses is not None
-    with Writer1(path) if ros1 else Writer2(path, version=9, storage_plugin=plugin) as writer:  # type: ignore[attr-defined]
+    with Writer1(path) if ros1 else Writer2(path, version=9, storage_plugin=plugin) as writer:
         image = writer.add_connection("/camera/image_raw", "sensor_msgs/msg/Image", typestore=store)
         odometry = writer.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=store)
         for number, (pixels, (x, y, heading)) in enumerate(zip(pixels_of(traverse), traverse.poses, strict=True)):
@@ -90,6 +90,7 @@ def assert_same(imported: Route, rendered: Route, *, digits: int) -> None:
         for a, b in zip(pixels_of(got), pixels_of(wanted), strict=True):
             np.testing.assert_array_equal(a, b)
         assert got.poses is not None
+        assert wanted.poses is not None
         np.testing.assert_allclose(got.poses, wanted.poses, rtol=0, atol=1e-9)
     assert len(imported.shared_stems()) == len(rendered.traverses[0])
 

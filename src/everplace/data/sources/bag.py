@@ -172,10 +172,16 @@ def _frames(
 
 def _read_images(bag: Bag, topic: Topic, path: Path, options: Options) -> Iterator[ForeignFrame]:
     (message_type,) = topic.types
+    number = -1
     for number, (recorded, message) in enumerate(bag.messages(topic.name, message_type)):
         where = f"message {number} of {topic.name} in {readable(path)}"
         content = _encoded(message, where) if message_type == _COMPRESSED else _pixels(message, where)
         yield ForeignFrame(f"{number:06d}", content, seconds=_seconds(recorded, message, where, options))
+    if number + 1 < topic.count:
+        raise RouteError(
+            f"{readable(path)} announces {topic.count} messages of {topic.name}, but holds only {number + 1}; reindex "
+            "or recover it"
+        )
 
 
 def _pixels(message: Any, where: str) -> Content:
@@ -221,7 +227,7 @@ def _first_position(bag: Bag, topic: Topic, path: Path) -> tuple[float, float]:
 
 def _is_fixed(message: Any) -> bool:
     """Says whether a receiver knew where it was (status -1: it did not)."""
-    return message.status.status >= 0 and abs(message.latitude) <= 90 and abs(message.longitude) <= 180
+    return bool(message.status.status >= 0 and abs(message.latitude) <= 90 and abs(message.longitude) <= 180)
 
 
 def _without_poses(topic: Topic, path: Path) -> RouteError:

@@ -146,7 +146,8 @@ def _kept_frames(drive: Drive, options: RecordingOptions) -> Iterator[ForeignFra
     prefix = f"{drive.name}-" if options.stems == "own" else ""
     frames = drive.frames
     # The generators between here and the recording know nothing of closing it.
-    with contextlib.closing(frames) if hasattr(frames, "close") else contextlib.nullcontext():
+    with contextlib.ExitStack() as stack:
+        stack.callback(getattr(frames, "close", lambda: None))
         for number, frame in enumerate(resized(_sampled(frames, options), options.size)):
             stays = drive.named or options.stems == "file"
             yield frame._replace(stem=prefix + (frame.stem if stays else f"{number:06d}"))
