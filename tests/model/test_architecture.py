@@ -47,6 +47,7 @@ def shapes_of(layers: list[nn.Module], network: nn.Module, inputs: Tensor) -> li
 def test_encoder_is_table_1_layer_by_layer() -> None:
     with torch.device("meta"):
         encoder = Encoder(ModelConfig(kind="vae")).eval()
+        assert encoder.z_log_variance is not None
         layers: list[nn.Module] = [
             *encoder.convolutions,
             *encoder.fully_connected,
