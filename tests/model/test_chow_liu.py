@@ -85,15 +85,12 @@ def test_no_tree_carries_more_information(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_edges_are_those_that_pgmpy_finds(seed: int) -> None:
-    pytest.importorskip("pgmpy", reason="pgmpy, the oracle for Chow-Liu trees, is not installed")
-    import pandas
-
+    words = dependent_words(400, 9, seed)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        from pgmpy.estimators import TreeSearch
-
-        words = dependent_words(400, 9, seed)
-        found = TreeSearch(pandas.DataFrame(words.astype(int)), root_node=0, n_jobs=1).estimate(
+        warnings.simplefilter("ignore")  # pgmpy speaks of what it will rename
+        estimators = pytest.importorskip("pgmpy.estimators", reason="pgmpy, the oracle, is not installed")
+        frame = pytest.importorskip("pandas").DataFrame(words.astype(int))
+        found = estimators.TreeSearch(frame, root_node=0, n_jobs=1).estimate(
             estimator_type="chow-liu", show_progress=False
         )
     assert edges_of(learn_tree(counted(words))) == {frozenset(edge) for edge in found.edges()}

@@ -108,8 +108,8 @@ def learn_tree(counts: WordCounts) -> ChowLiuTree:
     root = int(information.max(axis=1).argmax())
     # Positive everywhere: SciPy takes 0 for "no edge", and words without any information must hang somewhere too.
     spanning = minimum_spanning_tree(1.0 + information.max() - information)
-    _, parent = breadth_first_order(spanning, root, directed=False)
-    parent = parent.astype(np.int64)
+    _, before = breadth_first_order(spanning, root, directed=False)
+    parent = np.asarray(before, np.int64)
     parent[root] = root
     n, alone = counts.frames, np.diag(counts.together)
     words = np.arange(len(parent))

@@ -36,7 +36,7 @@ def sift_features(image: NDArray[np.uint8], keypoints: int, smallest_side: int) 
         scale = min(smallest_side / short, _MOST_ENLARGED)
         size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
         image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), np.uint8)
-    _, found = cv2.SIFT_create(nfeatures=keypoints).detectAndCompute(image, None)  # type: ignore[call-overload]
+    _, found = cv2.SIFT.create(nfeatures=keypoints).detectAndCompute(image, None)
     if found is None or len(found) == 0:
         return np.zeros((0, FEATURE_DIMENSIONS), np.uint8)
     features: NDArray[np.uint8] = np.asarray(found)[: keypoints or None].astype(np.uint8)
