@@ -23,7 +23,7 @@ from everplace.cli import main
 
 COMMANDS = [
     "demo", "train", "describe", "match", "evaluate", "compare", "show swap", "show constant", "show matrix",
-    "show matches", "data render", "data inspect", "data pack", "data import", "data list",
+    "show matches", "data render", "data fetch", "data inspect", "data pack", "data import", "data list",
 ]  # fmt: skip
 
 

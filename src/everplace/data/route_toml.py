@@ -2,6 +2,7 @@
 
 All of it is optional:
 
+    aligned = false                 # equal stems in two traverses are not the same place; default: they are
     tolerance = 1                   # frames: up to here two places count as the same
     radius = 25.0                   # or metres, where there are poses
     ignore = ["thumbnails"]         # sub-directories that are no traverses
@@ -56,6 +57,7 @@ class RouteToml(BaseModel):
     """What route.toml says.
 
     Attributes:
+        aligned: Whether equal stems in two traverses are the same place.
         tolerance: Frames by which a match may be off; None: not said.
         radius: Metres by which a match may be off; None: not said. Not beside `tolerance`.
         ignore: Names of sub-directories that are no traverses.
@@ -65,6 +67,7 @@ class RouteToml(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
+    aligned: bool = True
     tolerance: Annotated[int, Field(ge=0)] | None = None
     radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     ignore: tuple[_Text, ...] = Field(default=(), strict=False)
