@@ -38,8 +38,6 @@ def test_addresses_and_hashes_are_well_formed(data_set: DataSet) -> None:
 
 @pytest.mark.parametrize("data_set", fetchable, ids=lambda data_set: data_set.name)
 def test_what_can_be_fetched_can_be_imported(data_set: DataSet) -> None:
-    if data_set.kind not in source_kinds():
-        pytest.xfail(f"no kind {data_set.kind} yet")
     assert data_set.kind in source_kinds()
 
 

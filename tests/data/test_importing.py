@@ -21,6 +21,7 @@ from everplace.data.importing import ImportSummary, import_route
 from everplace.data.route import open_route
 from everplace.data.sources.protocol import Content, Encoded, ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.data.traverse import Pose
+from everplace.data.truth import TruthPair
 from everplace.errors import ConfigError, ImageError, RouteError, StorageError
 
 GREY = np.arange(48, dtype=np.uint8).reshape(6, 8, 1)
@@ -295,3 +296,14 @@ def test_a_killed_import_leaves_no_route(tmp_path: Path, how: signal.Signals) ->
     if how is signal.SIGINT:
         assert list(tmp_path.iterdir()) == []
     assert not [path for path in tmp_path.iterdir() if not path.name.startswith(".")]
+
+
+@pytest.mark.parametrize(("traverse", "stem"), [("summer", "b"), ("spring", "a")])
+def test_a_truth_about_frames_that_did_not_come_leaves_nothing(
+    run: Run, tmp_path: Path, traverse: str, stem: str
+) -> None:
+    drives = (ForeignTraverse(name, iter([ForeignFrame("a", GREY)])) for name in ("summer", "winter"))
+    pairs = [TruthPair("winter", "a", "summer", "a"), TruthPair("winter", "a", traverse, stem)]
+    with pytest.raises(RouteError, match=f"names the frame '{stem}' of '{traverse}', which it does not have"):
+        run(ForeignRoute(drives, truth=iter(pairs)))
+    assert left_behind(tmp_path) == []

@@ -24,13 +24,13 @@ def black(path: Path) -> None:
 def test_a_sound_route(tiny_route: Path) -> None:
     found = inspect(tiny_route)
     assert found.places == found.kept == tuple(str(place) for place in range(12))
-    assert found.tunnels == found.stops == found.duplicates == ()
+    assert (found.tunnels, found.stops, found.duplicates) == ((), (), ())
     assert [traverse.traverse.name for traverse in found.traverses] == ["summer", "winter"]
     for traverse in found.traverses:
         assert traverse.sizes == {(32, 64): 12}
         assert traverse.bytes == sum(path.stat().st_size for path in traverse.traverse.paths)
         assert traverse.unreadable == {}
-        assert traverse.gaps == traverse.missing == ()
+        assert (traverse.gaps, traverse.missing) == ((), ())
         assert not np.any([traverse.dark, traverse.stationary, traverse.alike])
 
 
@@ -108,7 +108,7 @@ def test_traverses_that_are_not_aligned(tiny_route: Path) -> None:
     (tiny_route / "route.toml").write_text("aligned = false\n")
     black(tiny_route / "winter" / "0.png")
     found = inspect(tiny_route)
-    assert found.places == found.kept == found.tunnels == ()
+    assert (found.places, found.kept, found.tunnels) == ((), (), ())
     assert found.traverses[1].dark[0]
 
 
@@ -124,9 +124,9 @@ def test_pictures_of_several_sizes(tiny_route: Path) -> None:
 def test_blocks_leave_no_seams(tmp_path: Path, count: int) -> None:
     rng = np.random.default_rng(4)
     (tmp_path / "route" / "a").mkdir(parents=True)
-    picture = np.zeros((4, 8), dtype=np.uint8)
-    for index in range(count):
-        picture = picture ^ 1 if index in (512, 1024) else rng.integers(30, 220, (4, 8), dtype=np.uint8)
+    pictures = rng.integers(30, 220, (count, 4, 8), dtype=np.uint8)
+    pictures[512::512] = pictures[511:-1:512] ^ 1
+    for index, picture in enumerate(pictures):
         Image.fromarray(picture).save(tmp_path / "route" / "a" / f"{index}.pgm")
     found = inspect(tmp_path / "route")
     assert np.flatnonzero(found.traverses[0].alike).tolist() == [index for index in (512, 1024) if index < count]

@@ -41,7 +41,8 @@ def test_everything_that_can_be_said(tmp_path: Path) -> None:
     [
         (
             "tolerence = 1",
-            "unknown key 'tolerence' in .*route.toml; known here: ignore, protocol, radius, tolerance, traverses",
+            "unknown key 'tolerence' in .*route.toml; known here: ignore, protocol, radius, tolerance, traverses, "
+            "truth",
         ),
         (
             '[traverses.jan]\ncolour = "red"',
@@ -54,6 +55,8 @@ def test_everything_that_can_be_said(tmp_path: Path) -> None:
         ("radius = 0.0", "wrong value of 'radius'"),
         ("radius = inf", "wrong value of 'radius'"),
         ("tolerance = 1\nradius = 2.0", "tolerance and radius exclude each other"),
+        ('radius = 2.0\ntruth = "truth.csv"', "radius and truth exclude each other"),
+        ('truth = ""', "wrong value of 'truth'"),
         ('ignore = "thumbs"', "wrong value of 'ignore'"),
         ("[traverses.jan]\npattern = 'a/*.png'", "wrong value of 'traverses.jan.pattern'"),
         ("[traverses.jan]\ncondition = ''", "wrong value of 'traverses.jan.condition'"),

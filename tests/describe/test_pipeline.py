@@ -59,6 +59,13 @@ class Undecided(MeanColour):
         return values
 
 
+@dataclass
+class Large(MeanColour):
+    """Wants few images at once."""
+
+    batch: int = 4
+
+
 class Unsure(MeanColour):
     """Also returns a variance."""
 
@@ -90,6 +97,15 @@ def test_rows_stand_in_the_order_of_the_paths(images: list[Path], batch: int) ->
     assert (result.method, result.metric, result.settings) == ("mean-colour", "cosine", {"channels": 3})
     assert result.variance is None
     assert [shape[0] for shape in describer.batches] == [min(batch, 10 - i) for i in range(0, 10, batch)]
+
+
+@pytest.mark.parametrize(("batch", "described"), [(None, [4, 4, 2]), (7, [7, 3]), (1, [1] * 10)])
+def test_a_large_method_chooses_its_batch_where_nobody_else_does(
+    images: list[Path], batch: int | None, described: list[int]
+) -> None:
+    describer = Large()
+    assert describe_paths(describer, images, names(images), batch=batch).values[:, 0].tolist() == list(range(10))
+    assert [shape[0] for shape in describer.batches] == described
 
 
 @pytest.mark.parametrize("method", ["hog", "sad"])

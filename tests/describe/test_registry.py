@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,13 +12,14 @@ import pytest
 from everplace.describe import methods
 from everplace.describe.registry import method_names, open_describer
 from everplace.errors import MethodError
+from everplace.progress import quiet
 
 
 def test_methods_open_by_name() -> None:
     names = method_names()
     assert names == sorted(names)
-    assert {"hog", "sad"} <= set(names)
-    assert "vae" not in names  # a trained model is given by its run directory
+    assert {"alexnet", "hog", "hub", "onnx", "sad", "vgg19"} <= set(names)
+    assert not {"vae", "cae", "fabmap"} & set(names)  # a trained model is given by its run directory
     for name in ("hog", "sad"):
         assert open_describer(name).method == name
 
@@ -32,11 +34,40 @@ def test_a_new_file_is_a_new_method(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     del sys.modules["everplace.describe.methods.echo"]
 
 
+def test_what_a_method_needs_from_the_net_is_fetched_before_it_opens(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "deep.py").write_text(
+        "steps = []\n"
+        "def prepare(argument, progress):\n    steps.append(('prepare', argument, progress))\n"
+        "def open_method(argument):\n    return [*steps, argument]\n"
+    )
+    monkeypatch.setattr(methods, "__path__", [*methods.__path__, str(tmp_path)])
+    opened = open_describer("deep:x", progress=quiet)
+    assert opened == [("prepare", "x", quiet), "x"]  # type: ignore[comparison-overlap]
+    del sys.modules["everplace.describe.methods.deep"]
+
+
 def test_a_run_directory_is_opened_as_a_trained_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fake = SimpleNamespace(open_method=lambda argument: ("run", argument))
     monkeypatch.setitem(sys.modules, "everplace.describe.methods.vae", fake)
     (tmp_path / "config.toml").touch()
     assert open_describer(str(tmp_path)) == ("run", str(tmp_path))  # type: ignore[comparison-overlap]
+
+
+@pytest.mark.parametrize(
+    ("kind", "module"),
+    [("vae", "vae"), ("c-vae", "vae"), ("cp-vae", "vae"), ("cae", "cae"), ("fabmap", "fabmap"), ("later", "vae")],
+)
+def test_a_run_directory_says_what_opens_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, module: str
+) -> None:
+    for name in ("vae", "cae", "fabmap"):
+        fake = SimpleNamespace(open_method=lambda argument, name=name: name)
+        monkeypatch.setitem(sys.modules, f"everplace.describe.methods.{name}", fake)
+    (tmp_path / "config.toml").touch()
+    (tmp_path / "checkpoint.json").write_text(json.dumps({"model": {"kind": kind}}))
+    assert open_describer(str(tmp_path)) == module  # type: ignore[comparison-overlap]
 
 
 @pytest.mark.parametrize("method", ["nothing", "", "vae", "HOG", "_x", "hog/..", "a\0b", "x" * 5000, "../sad"])

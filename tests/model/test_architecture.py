@@ -55,6 +55,7 @@ def shapes_of(layers: list[nn.Module], network: nn.Module, inputs: Tensor) -> li
 def test_encoder_is_table_1_layer_by_layer() -> None:
     with torch.device("meta"):
         encoder = Encoder(ModelConfig(kind="vae")).eval()
+        assert encoder.z_log_variance is not None
         layers: list[nn.Module] = [
             *encoder.convolutions,
             *encoder.fully_connected,
@@ -167,14 +168,33 @@ def test_each_kind_owns_the_heads_of_its_equation(kind: ModelKind) -> None:
     model = small_model(kind)
     output = model(*small_batch())
     names = {name.split(".")[0] for name, _ in model.named_parameters()}
-    heads = {"vae": set(), "c-vae": {"condition_head"}, "cp-vae": {"condition_head", "place_head"}}[kind]
+    heads = {"vae": set(), "cae": set(), "c-vae": {"condition_head"}, "cp-vae": {"condition_head", "place_head"}}[kind]
     assert names == {"encoder", "decoder"} | heads
-    assert (output.condition_logits is None) == (kind == "vae")
+    assert (output.condition_logits is None) == (kind in ("vae", "cae"))
     assert (output.place_logits is None) == (kind != "cp-vae")
     if output.condition_logits is not None:
         assert output.condition_logits.shape == (4, 2)
     if output.place_logits is not None:
         assert output.place_logits.shape == (4, 5)
+
+
+def test_a_plain_autoencoder_decodes_its_code_whatever_the_noise() -> None:
+    model = small_model("cae")
+    images, noise = small_batch()
+    one, other = model(images, noise), model(images, torch.zeros_like(noise))
+    assert torch.equal(one.reconstruction, other.reconstruction)
+    assert torch.equal(one.z, one.posterior.mean)
+    assert torch.equal(model.descriptor(images), one.z)
+    assert one.z.shape == (4, 128)
+    assert "encoder.z_log_variance.weight" not in model.state_dict()
+    with pytest.raises(ValueError, match="no KL divergence"):
+        one.posterior.kl()
+
+
+def test_a_plain_autoencoder_is_the_vae_without_its_variance() -> None:
+    vae, cae = (small_model(kind).state_dict() for kind in ("vae", "cae"))
+    assert set(vae) - set(cae) == {"encoder.z_log_variance.weight", "encoder.z_log_variance.bias"}
+    assert all(vae[name].shape == value.shape for name, value in cae.items())
 
 
 def test_place_head_sees_only_z_p_and_condition_head_only_z_c() -> None:

@@ -30,7 +30,7 @@ from everplace.training.config import CONFIG_FILE, TrainConfig, read_toml, recip
         ({"cls": 1}, "cls: .*; known are model"),
         ({"epochs": 0}, "epochs: "),
         ({"seed": -1}, "seed: "),
-        ({"model": "gan"}, "model: .*'vae', 'c-vae' or 'cp-vae'"),
+        ({"model": "gan"}, "model: .*'vae', 'c-vae', 'cp-vae' or 'cae'"),
         ({"epochs": 3, "minutes": 1}, "give exactly one of epochs and minutes"),
         ({"epochs": None}, "give exactly one of epochs and minutes"),
         ({"recipe": "worst"}, "--recipe 'worst' does not exist; choose faithful or best"),

@@ -16,11 +16,14 @@ import torch
 from PIL import Image
 
 from everplace.data.route import Route, open_route
+from everplace.describe.protocol import FittedDescriber, ProbabilisticDescriber
+from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, DivergedError, EverplaceError, RouteError
 from everplace.model.bounds import Weights
 from everplace.model.checkpoint import load_checkpoint
+from everplace.model.images import to_input
 from everplace.training import fit
-from everplace.training.callbacks import CollapseWarning
+from everplace.training.callbacks import CollapseWarning, RunKeeper
 from everplace.training.config import TrainConfig
 from everplace.training.fit import TrainSummary, bf16_is_fast, train
 from everplace.training.frames import fingerprint, split_route
@@ -90,6 +93,28 @@ def test_a_run_leaves_checkpoint_configuration_and_metrics(
     assert not [path.name for path in out.rglob("*") if ".part" in path.name]
 
 
+def test_a_plain_autoencoder_is_trained_chosen_and_described_by_the_same_machinery(
+    route: Route, make_config: MakeConfig, tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    config = make_config(model="cae", epochs=3, warmup_epochs=0.0)
+    train(route, config, tmp_path / "cae")
+    assert not [one for one in recwarn if issubclass(one.category, CollapseWarning)]
+    metrics = read_metrics(tmp_path / "cae")
+    assert metrics["bound"][2] > metrics["bound"][0]
+    assert np.isnan(metrics["kl_place"]).all()
+    assert np.isfinite(metrics["held_out_recall_at_1"]).all()
+    describer = open_describer(str(tmp_path / "cae"))
+    assert (describer.method, describer.dimension, describer.metric) == ("cae", 128, "cosine")
+    assert not isinstance(describer, ProbabilisticDescriber)
+    assert isinstance(describer, FittedDescriber)
+    assert describer.seen_stems == {str(place) for place in (*range(8), 10, 11)}
+    images = np.random.default_rng(0).integers(0, 256, (3, 32, 32, 3), dtype=np.uint8)
+    model = load_checkpoint(tmp_path / "cae").model
+    with torch.no_grad():
+        expected = model.descriptor(to_input(torch.from_numpy(images))).numpy()
+    np.testing.assert_allclose(describer.describe(images), expected, atol=1e-6)
+
+
 def test_resuming_a_finished_run_returns_at_once_with_the_same_summary(
     run: tuple[Path, TrainSummary, TrainConfig], route: Route
 ) -> None:
@@ -140,14 +165,14 @@ def test_the_best_recipe_is_trained_named_and_resumed_to_the_same_weights(
         if done:
             raise StopError
 
-    keep = fit.RunKeeper.on_train_epoch_end
+    keep = RunKeeper.on_train_epoch_end
     with pytest.MonkeyPatch.context() as patch:
 
-        def end_early(self: fit.RunKeeper, trainer: Any, module: Any) -> None:
+        def end_early(self: RunKeeper, trainer: Any, module: Any) -> None:
             keep(self, trainer, module)
             stop(self.progress.epoch)
 
-        patch.setattr(fit.RunKeeper, "on_train_epoch_end", end_early)
+        patch.setattr(RunKeeper, "on_train_epoch_end", end_early)
         with pytest.raises(StopError):
             train(route, config, stopped, save_every=0)
     train(route, config, stopped, resume=True, save_every=0)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Optional
 
 import typer
 
-from everplace.cli import data_fetch, data_import, data_inspect
+from everplace.cli import data_align, data_fetch, data_import, data_inspect
 from everplace.cli.options import Grey, ImageSize, Json, OutDirectory, RouteArgument
 from everplace.cli.output import show_progress, show_result
 
@@ -21,6 +21,7 @@ def register(app: typer.Typer) -> None:
     data.command("pack")(pack)
     data_fetch.register(data)
     data_import.register(data)
+    data_align.register(data)
     data_inspect.register(data)
     app.add_typer(data, name="data")
 

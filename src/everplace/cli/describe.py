@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
@@ -22,7 +22,10 @@ def describe(
     method: Annotated[str, typer.Argument(metavar="METHOD", help="A run directory, or a method such as sad or hog.")],
     images: Annotated[Path, typer.Argument(metavar="IMAGES", help="Directory of images.")],
     out: OutFile,
-    batch: Annotated[int, typer.Option("--batch", min=1, help="Images described at once.")] = 32,
+    batch: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option("--batch", min=1, help="Images described at once [what the method asks for, else 32]."),
+    ] = None,
     file_format: Annotated[
         str, typer.Option("--format", metavar="everplace|hloc", help="Layout of the HDF5 file.")
     ] = "everplace",
@@ -38,7 +41,7 @@ def describe(
     from everplace.describe.pipeline import describe_paths
     from everplace.describe.registry import open_describer
 
-    describer = open_describer(method)
+    describer = open_describer(method, progress=show_progress())
     traverse = open_traverse(images)
     # hloc knows an image by its file name, everplace a place by the stem that its traverses share.
     names = [path.name for path in traverse.paths] if file_format == "hloc" else traverse.stems
@@ -48,6 +51,13 @@ def describe(
     else:
         described.save(out)
     show_result(
-        {"method": described.method, "images": len(described), "dimension": described.dimension, "out": str(out)},
+        {
+            "method": described.method,
+            "images": len(described),
+            "dimension": described.dimension,
+            "bytes_per_descriptor": 4 * described.dimension,
+            "settings": dict(described.settings),
+            "out": str(out),
+        },
         as_json,
     )

@@ -26,7 +26,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-for _name in ("demo", "train", "describe", "match", "evaluate", "compare", "show", "data"):
+for _name in ("demo", "train", "describe", "match", "evaluate", "compare", "show", "export", "data"):
     import_module(f"everplace.cli.{_name}").register(app)
 
 

@@ -58,8 +58,8 @@ def warn(message: str) -> None:
     print(f"everplace: {message}", file=sys.stderr)
 
 
-def require_directory(out: Path) -> None:
-    """Refuses an --out that cannot be a directory, before any work is done.
+def require_directory(out: Path, option: str = "--out") -> None:
+    """Refuses an output (`option`) that cannot be a directory, before any work is done.
 
     Raises:
         ConfigError: It, or what it lies in, is a file.
@@ -67,21 +67,21 @@ def require_directory(out: Path) -> None:
     for path in (out, *out.parents):
         if path.exists():
             if not path.is_dir():
-                raise ConfigError(f"--out {readable(out)} cannot be a directory: {readable(path)} is a file")
+                raise ConfigError(f"{option} {readable(out)} cannot be a directory: {readable(path)} is a file")
             return
 
 
-def require_file(out: Path, endings: tuple[str, ...] = ()) -> None:
-    """Refuses an --out that cannot be a file, before any work is done.
+def require_file(out: Path, endings: tuple[str, ...] = (), option: str = "--out") -> None:
+    """Refuses an output (`option`) that cannot be a file, before any work is done.
 
     Raises:
         ConfigError: It is a directory, lies in a file, or has another ending than those given.
     """
     if out.is_dir():
-        raise ConfigError(f"--out {readable(out)} is a directory; name a file")
+        raise ConfigError(f"{option} {readable(out)} is a directory; name a file")
     if endings and out.suffix.lower() not in endings:
-        raise ConfigError(f"--out {readable(out)} must end in {' or '.join(endings)}")
-    require_directory(out.parent)
+        raise ConfigError(f"{option} {readable(out)} must end in {' or '.join(endings)}")
+    require_directory(out.parent, option)
 
 
 def one_of(value: str | None, option: str, allowed: tuple[str, ...]) -> Any:

@@ -27,6 +27,7 @@ from everplace.errors import ConfigError, ImageError
 from everplace.files import readable
 
 __all__ = [
+    "BROKEN_IMAGE_ERRORS",
     "IMAGE_ENDINGS",
     "MAX_FILE_BYTES",
     "MAX_PIXELS",
@@ -45,6 +46,19 @@ R = TypeVar("R")
 
 IMAGE_ENDINGS = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 """Endings (lower case) by which a file in a traverse counts as a frame."""
+
+BROKEN_IMAGE_ERRORS = (
+    OSError,
+    EOFError,
+    SyntaxError,
+    ValueError,
+    TypeError,
+    LookupError,
+    OverflowError,
+    struct.error,
+)
+"""What Pillow's readers raise on broken bytes: OSError and EOFError where they end too early, SyntaxError for
+broken PNG chunks, the others for header fields without sense."""
 
 MAX_FILE_BYTES = 2**29
 """Largest image file that is read: 512 MiB."""
@@ -111,18 +125,7 @@ def decode_encoded(name: str, data: bytes, spec: ImageSpec) -> NDArray[np.uint8]
         raise ImageError(f"{name} is empty (0 bytes); copy or export the frame again")
     try:
         pixels = decode_bytes(name, data, spec.size, grey=spec.grey)
-    # What Pillow's readers raise on broken bytes: OSError and EOFError where they end too early, SyntaxError
-    # for broken PNG chunks, the others for header fields without sense.
-    except (
-        OSError,
-        EOFError,
-        SyntaxError,
-        ValueError,
-        TypeError,
-        LookupError,
-        OverflowError,
-        struct.error,
-    ) as error:
+    except BROKEN_IMAGE_ERRORS as error:
         raise ImageError(f"{name} is truncated or broken ({error}); copy or export the frame again") from error
     if spec.size is not None:
         pixels = resize_image(pixels, spec.size)

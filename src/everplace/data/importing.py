@@ -22,16 +22,14 @@ import tomli_w
 from everplace.data.images import IMAGE_ENDINGS, read_image_bytes
 from everplace.data.kinds import open_kind, read_options
 from everplace.data.route_toml import ROUTE_TOML
-from everplace.data.sources.folder import POSES_CSV
+from everplace.data.sources.folder import POSES_CSV, TIMES_CSV
 from everplace.data.sources.protocol import Content, Encoded, ForeignFrame, ForeignRoute, ForeignTraverse
+from everplace.data.truth import TRUTH_CSV, TruthPair, write_truth
 from everplace.errors import RouteError, StorageError
 from everplace.files import readable, require_free_directory, whole_directory
 from everplace.progress import Progress, quiet
 
-__all__ = ["TIMES_CSV", "ImportSummary", "import_route"]
-
-TIMES_CSV = "times.csv"
-"""When the frames of a traverse were taken, in its directory: columns stem, seconds."""
+__all__ = ["ImportSummary", "import_route", "write_route"]
 
 _LONGEST_NAME = 255  # bytes, on every usual file system
 
@@ -102,14 +100,45 @@ def import_route(
         route = opened.read(source, settings)
     except OSError as error:
         raise _unreadable(error, source) from error
+    return write_route(route, source, out, f"Imported with everplace data import {kind}.", copy=copy, progress=progress)
+
+
+def write_route(
+    route: ForeignRoute,
+    source: Path,
+    out: Path,
+    origin: str,
+    *,
+    copy: bool = False,
+    files: Mapping[str, str] | None = None,
+    progress: Progress = quiet,
+) -> ImportSummary:
+    """Writes what a source gives as a route; frames that are files become links, as `import_route` says.
+
+    Args:
+        route: What to write.
+        source: What it came from, for messages.
+        out: The route's directory; it must not exist, or be empty.
+        origin: A sentence that says where the route comes from, for whoever finds it later.
+        copy: Copy files instead of linking to them.
+        files: Texts to write beside the traverses, by file name.
+        progress: Shows how far it has come.
+
+    Raises:
+        ConfigError, RouteError, ImageError, StorageError: As for `import_route`.
+    """
+    require_free_directory(out)
     with whole_directory(out) as directory:
         writer = _Writer(directory, copy)
         for traverse in _reading(route.traverses, source):
             writer.write(traverse, source, progress)
         if not writer.traverses:
-            raise RouteError(f"{readable(source)} holds no traverse of the kind {kind!r}; check the path and the kind")
-        text = _route_toml(kind, route, writer.conditions)
-        (directory / ROUTE_TOML).write_text(text, encoding="utf-8")
+            raise RouteError(f"{readable(source)} holds no traverse of this kind; check the path and the kind")
+        if route.truth is not None:
+            write_truth(directory / TRUTH_CSV, writer.known_pairs(_reading(route.truth, source), source))
+        text = _route_toml(origin, route, writer.conditions)
+        for name, content in {**(files or {}), ROUTE_TOML: text}.items():
+            (directory / name).write_text(content, encoding="utf-8")
         if out.is_dir():
             out.rmdir()  # it was empty; a rename onto it would fail on Windows
     notes = route.notes if writer.links is None else (*route.notes, writer.links)
@@ -130,6 +159,7 @@ class _Writer:
         self.traverses: dict[str, int] = {}
         self.conditions: dict[str, str] = {}
         self.linked = 0
+        self._stems: dict[str, set[str]] = {}
         self.links: str | None = None
         self._directory = directory
         self._copy = copy
@@ -160,8 +190,20 @@ class _Writer:
                 stems.add(frame.stem)
         if not stems:
             raise RouteError(f"the traverse {name!r} of {readable(source)} has no frame; leave it out")
+        self._stems[name] = stems
         self.traverses[name] = len(stems)
         self.conditions[name] = traverse.condition or name
+
+    def known_pairs(self, pairs: Iterator[TruthPair], source: Path) -> Iterator[TruthPair]:
+        """Passes on pairs of frames that were written; another one is an error that names it."""
+        for pair in pairs:
+            for traverse, stem in (pair[:2], pair[2:]):
+                if stem not in self._stems.get(traverse, ()):
+                    raise RouteError(
+                        f"the ground truth of {readable(source)} names the frame {stem!r} of {traverse!r}, which "
+                        "it does not have; complete the images or correct it"
+                    )
+            yield pair
 
     def _write_frame(self, directory: Path, frame: ForeignFrame, source: Path, where: str) -> None:
         content = frame.content
@@ -283,17 +325,19 @@ def _png(pixels: np.ndarray[Any, np.dtype[np.uint8]]) -> bytes:
     return data.tobytes()
 
 
-def _route_toml(kind: str, route: ForeignRoute, conditions: Mapping[str, str]) -> str:
+def _route_toml(origin: str, route: ForeignRoute, conditions: Mapping[str, str]) -> str:
     """Writes what directories cannot say, and the notes as comments for whoever finds the route later."""
     table: dict[str, Any] = {}
     if route.tolerance is not None:
         table["tolerance"] = route.tolerance
     if route.radius is not None:
         table["radius"] = float(route.radius)
+    if route.truth is not None:
+        table["truth"] = TRUTH_CSV
     if route.protocol:
         table["protocol"] = route.protocol
     differing = {name: {"condition": condition} for name, condition in conditions.items() if condition != name}
     if differing:
         table["traverses"] = differing
-    comments = [f"Imported with everplace data import {kind}.", *route.notes]
+    comments = [origin, *route.notes]
     return "".join(f"# {' '.join(note.split())}\n" for note in comments) + tomli_w.dumps(table)

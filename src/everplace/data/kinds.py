@@ -60,14 +60,15 @@ def missing_extras(kind: Source) -> list[str]:
 def option_help(options: type[BaseModel]) -> dict[str, str]:
     """Returns what the docstring of an options class says about each option, with its default."""
     described: dict[str, str] = {}
-    name = ""
-    for line in (inspect.getdoc(options) or "").splitlines():
-        match = _ATTRIBUTE.fullmatch("    " + line)
-        if match is not None:
-            name = match[1]
-            described[name] = match[2].strip()
-        elif name and line.strip():
-            described[name] += " " + line.strip()
+    for base in reversed(options.__mro__):  # a class may inherit options that its own docstring does not repeat
+        name = ""
+        for line in inspect.cleandoc(base.__dict__.get("__doc__") or "").splitlines():
+            match = _ATTRIBUTE.fullmatch("    " + line)
+            if match is not None:
+                name = match[1]
+                described[name] = match[2].strip()
+            elif name and line.strip():
+                described[name] += " " + line.strip()
     return {
         option: " ".join(filter(None, (described.get(option, ""), _default(field.default))))
         for option, field in options.model_fields.items()

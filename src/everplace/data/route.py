@@ -11,6 +11,7 @@ from everplace.data.natural_order import natural_key
 from everplace.data.route_toml import ROUTE_TOML, read_route_toml
 from everplace.data.sources.folder import read_traverses
 from everplace.data.traverse import Frame, Pose, Traverse
+from everplace.data.truth import TruthTable
 from everplace.errors import RouteError
 from everplace.files import readable
 
@@ -27,6 +28,7 @@ class Route:
         stems_are_places: Whether equal stems in two traverses are the same place; route.toml can deny it.
         tolerance: Frames by which a match may be off, if route.toml says so.
         radius: Metres by which a match may be off, if route.toml says so.
+        truth: Which frames show the same place, if route.toml names a file of pairs.
         protocol: The published protocol that chose the frames, if route.toml names one.
     """
 
@@ -35,6 +37,7 @@ class Route:
     stems_are_places: bool = True
     tolerance: int | None = None
     radius: float | None = None
+    truth: TruthTable | None = None
     protocol: str | None = None
 
     @property
@@ -58,6 +61,11 @@ class Route:
         if self.stems_are_places:
             return "share no stem"
         return f"are not aligned, as {ROUTE_TOML} says (aligned = false)"
+
+    @property
+    def matched_by_stem(self) -> bool:
+        """Whether frames are the same place by their stems, and neither by their poses nor by a file of pairs."""
+        return self.radius is None and self.truth is None
 
     def __getitem__(self, name: str) -> Traverse:
         """Returns the traverse of this name, or else the only one under this condition.
@@ -151,18 +159,21 @@ def open_route(path: str | os.PathLike[str]) -> Route:
         stems.
 
     Raises:
-        RouteError: The directory is not a route (see `sources.folder.read_traverses`).
+        RouteError: The directory is not a route (see `sources.folder.read_traverses`), or lacks the file of
+            pairs that its route.toml names.
         ConfigError: Its route.toml is wrong.
     """
     root = Path(path)
     settings = read_route_toml(root)
     traverses = read_traverses(root, settings)
+    truth = None if settings.truth is None else TruthTable(root / settings.truth, traverses)
     return Route(
         root,
         traverses,
         stems_are_places=settings.aligned,
         tolerance=settings.tolerance,
         radius=settings.radius,
+        truth=truth,
         protocol=settings.protocol,
     )
 

@@ -1,7 +1,7 @@
 """Runs a method over many images: threads decode ahead while the method describes.
 
-Memory holds the descriptors, two batches of images and the decoder's own small look-ahead, however long the
-traverse is.
+Memory holds the descriptors, two batches of images, what the method needs for one batch and the decoder's own small
+look-ahead, however long the traverse is.
 """
 
 from __future__ import annotations
@@ -18,18 +18,20 @@ from numpy.typing import NDArray
 from everplace.data.images import decode_images
 from everplace.data.route import Traverse
 from everplace.describe.descriptors import Descriptors
-from everplace.describe.protocol import Describer, ProbabilisticDescriber
+from everplace.describe.protocol import Describer, LargeDescriber, ProbabilisticDescriber
 from everplace.errors import ConfigError, DescriptorsError, RouteError
 from everplace.progress import Progress, quiet
 
 __all__ = ["describe_paths", "describe_traverse", "time_describer"]
+
+_BATCH = 32
 
 
 def describe_traverse(
     describer: Describer,
     traverse: Traverse,
     *,
-    batch: int = 32,
+    batch: int | None = None,
     threads: int | None = None,
     progress: Progress = quiet,
 ) -> Descriptors:
@@ -42,7 +44,7 @@ def describe_paths(
     paths: Sequence[Path],
     names: Sequence[str],
     *,
-    batch: int = 32,
+    batch: int | None = None,
     threads: int | None = None,
     progress: Progress = quiet,
 ) -> Descriptors:
@@ -52,7 +54,8 @@ def describe_paths(
         describer: The method.
         paths: N image files.
         names: N names, one a file.
-        batch: Largest number of images described at once; it changes the speed, not the result.
+        batch: Largest number of images described at once; it changes speed and memory, not the result. None: what a
+            large method asks for, else 32.
         threads: Number of decoding threads; None lets the decoder choose.
         progress: Shows how many frames are described.
 
@@ -64,6 +67,8 @@ def describe_paths(
     """
     if not paths:
         raise RouteError("there are no images to describe; choose a directory or frames that hold some")
+    if batch is None:
+        batch = describer.batch if isinstance(describer, LargeDescriber) else _BATCH
     if batch < 1:
         raise ConfigError(f"a batch of {batch} images is not possible; give at least 1")
     if len(paths) != len(names):

@@ -25,12 +25,12 @@ class Method:
 
     describer: Describer
 
-    def describe(self, traverse: Traverse, *, batch: int = 32, progress: Progress = quiet) -> Descriptors:
+    def describe(self, traverse: Traverse, *, batch: int | None = None, progress: Progress = quiet) -> Descriptors:
         """Describes every frame of a traverse.
 
         Args:
             traverse: Such as `route["winter"]`.
-            batch: Images described at once.
+            batch: Images described at once; None: what the method asks for, else 32.
             progress: Told of each image.
 
         Returns:
@@ -42,11 +42,15 @@ class Method:
         return describe_traverse(self.describer, traverse, batch=batch, progress=progress)
 
 
-def load(method: str | os.PathLike[str]) -> Method:
+def load(method: str | os.PathLike[str], *, progress: Progress = quiet) -> Method:
     """Opens a run directory or a method by name (`sad`, `hog`, ...).
+
+    Args:
+        method: See `everplace.describe.registry.open_describer`.
+        progress: Told of what has to be downloaded first.
 
     Raises:
         MethodError: There is no such method, or it cannot run here.
         CheckpointError: The run directory is damaged.
     """
-    return Method(open_describer(os.fspath(method)))
+    return Method(open_describer(os.fspath(method), progress=progress))

@@ -117,6 +117,8 @@ class Encoder(nn.Module):
 
     The fully connected chain has batch normalisation and no activation (decided by experiment: with one, the chain
     learns the training places by heart).
+
+    The encoder of the plain autoencoder (`cae`) ends in z_mean alone: its code.
     """
 
     def __init__(self, config: ModelConfig) -> None:
@@ -131,7 +133,7 @@ class Encoder(nn.Module):
         widths = (flattened, *hidden_widths(flattened, fully_connected=config.fully_connected))
         self.fully_connected = nn.ModuleList(_linear(a, b) for a, b in pairwise(widths))
         self.z_mean = nn.Linear(widths[-1], config.latent_dimensions)
-        self.z_log_variance = nn.Linear(widths[-1], config.latent_dimensions)
+        self.z_log_variance = None if config.kind == "cae" else nn.Linear(widths[-1], config.latent_dimensions)
 
     def forward(self, images: Tensor) -> Posterior:
         """Encodes images.
@@ -148,6 +150,8 @@ class Encoder(nn.Module):
         x = x.flatten(1)
         for layer in self.fully_connected:
             x = layer(x)
+        if self.z_log_variance is None:
+            return Posterior(self.z_mean(x).float(), None)
         # A bounded log-variance keeps exp() finite in the first steps; +-10 is far outside what training reaches.
         log_variance = self.z_log_variance(x).float().clamp(-10.0, 10.0)
         return Posterior(self.z_mean(x).float(), log_variance)
@@ -259,6 +263,11 @@ class Output:
 class ConditionVAE(nn.Module):
     """VAE, C-VAE and CP-VAE: one encoder and decoder, with the label heads that the kind has.
 
+    Without sampling and heads it is the plain convolutional autoencoder (`cae`) of the paper's predecessors (Oh and
+    Lee, Park; the paper's references 16 and 17). The paper says no more of them than their names; decided: the same
+    encoder and decoder as the VAE's, a deterministic code of 128, trained by the squared error of the pixels, so that
+    what the VAE adds is the only difference.
+
     | symbol          | here                     | shape              |
     |-----------------|--------------------------|--------------------|
     | x               | images                   | (B, C, H, W), [0, 1] |
@@ -278,7 +287,7 @@ class ConditionVAE(nn.Module):
         self.encoder = Encoder(config)
         self.decoder = Decoder(config)
         self.condition_head = (
-            None if config.kind == "vae" else nn.Linear(config.condition_dimensions, len(config.conditions))
+            nn.Linear(config.condition_dimensions, len(config.conditions)) if config.labelled else None
         )
         self.place_head = PlaceHead(config.place_dimensions, config.places) if config.places else None
         # The sigma that training reached; fixed wherever a bound is evaluated.
@@ -316,13 +325,13 @@ class ConditionVAE(nn.Module):
         return Output(posterior, z, reconstruction, condition_logits, place_logits)
 
     def descriptor(self, images: Tensor) -> Tensor:
-        """The place descriptor: the posterior mean of z_p (of all of z for the plain VAE).
+        """The place descriptor: the posterior mean of z_p (of all of z for the plain VAE, the code for the CAE).
 
         Args:
             images: (B, C, H, W) in [0, 1].
 
         Returns:
-            (B, 96) float32; (B, 128) for the VAE.
+            (B, 96) float32; (B, 128) for the VAE and the CAE.
         """
         mean = self.encoder(images).mean
-        return mean if self.config.kind == "vae" else self.split.z_p(mean)
+        return self.split.z_p(mean) if self.config.labelled else mean

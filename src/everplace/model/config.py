@@ -8,8 +8,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 __all__ = ["MODEL_KINDS", "ModelConfig", "ModelKind"]
 
-ModelKind = Literal["vae", "c-vae", "cp-vae"]
-MODEL_KINDS: tuple[ModelKind, ...] = ("vae", "c-vae", "cp-vae")
+ModelKind = Literal["vae", "c-vae", "cp-vae", "cae"]
+MODEL_KINDS: tuple[ModelKind, ...] = ("vae", "c-vae", "cp-vae", "cae")
+_LABELLED: tuple[ModelKind, ...] = ("c-vae", "cp-vae")
 
 PositiveInt = Annotated[int, Field(gt=0)]
 
@@ -18,7 +19,7 @@ class ModelConfig(BaseModel):
     """The shape of a model; together with its weights it is all that a checkpoint needs.
 
     Attributes:
-        kind: `vae` (Eq. 1), `c-vae` (Eq. 3) or `cp-vae` (Eq. 5).
+        kind: `vae` (Eq. 1), `c-vae` (Eq. 3), `cp-vae` (Eq. 5), or `cae`, a plain convolutional autoencoder.
         height: Image height H in pixels, a multiple of 32.
         width: Image width W in pixels, a multiple of 32.
         channels: 3 for RGB, 1 for grey.
@@ -49,7 +50,7 @@ class ModelConfig(BaseModel):
                 f"image size {self.height}x{self.width} is not a multiple of 32 on both sides; "
                 f"the nearest one is {_nearest(self.height)}x{_nearest(self.width)}"
             )
-        if self.kind != "vae" and len(self.conditions) < 2:
+        if self.labelled and len(self.conditions) < 2:
             raise ValueError(f"{self.kind} needs at least two conditions to tell apart, not {len(self.conditions)}")
         if self.kind == "cp-vae" and self.places == 1:
             raise ValueError(f"cp-vae needs at least two places to tell apart, not {self.places}")
@@ -59,6 +60,16 @@ class ModelConfig(BaseModel):
     def latent_dimensions(self) -> int:
         """Size of z = [z_p, z_c]."""
         return self.place_dimensions + self.condition_dimensions
+
+    @property
+    def labelled(self) -> bool:
+        """Whether labels divide z into z_p and z_c; else z is one block, and all of it the descriptor."""
+        return self.kind in _LABELLED
+
+    @property
+    def descriptor_dimensions(self) -> int:
+        """Size of the place descriptor: z_p, or all of z."""
+        return self.place_dimensions if self.labelled else self.latent_dimensions
 
 
 def _nearest(side: int) -> int:

@@ -105,7 +105,7 @@ class RunKeeper(lightning.Callback):
             self._saved = time.monotonic()
 
     def _warn_of_collapse(self, row: dict[str, float]) -> None:
-        if row["epoch"] <= self._config.warmup_epochs:
+        if row["epoch"] <= self._config.warmup_epochs or self._config.model == "cae":
             return
         # What holds a block up: the label that is read from it, or else the image.
         support = {

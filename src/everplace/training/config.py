@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
@@ -23,6 +23,7 @@ else:
 __all__ = [
     "CONFIG_FILE",
     "DEFAULT_EPOCHS",
+    "FitConfig",
     "Remedies",
     "TermWeights",
     "TrainConfig",
@@ -36,6 +37,9 @@ DEFAULT_EPOCHS = 40
 
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+_Config = TypeVar("_Config", bound="FitConfig")
 
 
 class _Section(BaseModel):
@@ -74,22 +78,67 @@ class Remedies(_Section):
     virtual: VirtualPlaces = VirtualPlaces()
 
 
-class TrainConfig(_Section):
-    """Everything that decides the outcome of a run, beside the images.
+class FitConfig(_Section):
+    """What every method that is fitted is told: itself, what of the route it is fitted on, and its seed.
 
     Attributes:
-        model: `vae`, `c-vae` or `cp-vae`.
-        recipe: Name of the recipe that gave the defaults; `faithful` is the paper's bound alone, `best` (CP-VAE only)
-            adds remedies.
+        model: The method's name.
         conditions: Traverses or conditions to train on; empty: all of the route.
         frames: `A:B`, as `--frames`; empty: all.
         drop_dark: Leave out dark places.
         drop_stationary: Leave out places that look like the one before.
+        seed: Of all that is random.
+    """
+
+    model: str
+    conditions: tuple[str, ...] = ()
+    frames: str = ""
+    drop_dark: bool = False
+    drop_stationary: bool = False
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+
+    @classmethod
+    def build(cls: type[_Config], /, **values: Any) -> _Config:
+        """Makes a configuration from its defaults and the values given over them.
+
+        Args:
+            values: Fields of this class; tables may be given in part (`weights={"place": 100}`).
+
+        Raises:
+            ConfigError: A key does not exist or a value is out of its range; the message names it.
+        """
+        try:
+            return cls.model_validate(_merge(cls._defaults(values), values))
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"]) or "configuration"
+            message = first["msg"].removeprefix("Value error, ")
+            sections: dict[Any, type[BaseModel]] = {
+                "weights": TermWeights,
+                "augmentation": Augmentation,
+                "remedies": Remedies,
+            }
+            section = sections.get(first["loc"][0], cls) if len(first["loc"]) > 1 else cls
+            known = f"; known are {', '.join(section.model_fields)}" if first["type"] == "extra_forbidden" else ""
+            raise ConfigError(f"{where}: {message}{known}") from None
+
+    @classmethod
+    def _defaults(cls, values: dict[str, Any]) -> dict[str, Any]:  # noqa: ARG003
+        """Defaults that depend on the values."""
+        return {}
+
+
+class TrainConfig(FitConfig):
+    """Everything that decides the outcome of the training of a network, beside the images.
+
+    Attributes:
+        model: `vae`, `c-vae`, `cp-vae` or `cae`.
+        recipe: Name of the recipe that gave the defaults; `faithful` is the paper's bound alone, `best` (CP-VAE only)
+            adds remedies.
         image_size: (H, W), multiples of 32.
         grey: One channel instead of three.
         epochs: Passes over the training frames; exactly one of `epochs` and `minutes` is given.
         minutes: Stop after so much training time.
-        seed: Of weights, order, noise and augmentation.
         batch_size: Frames in one step, over all devices.
         learning_rate: At its highest; it warms up and then falls along a cosine.
         fully_connected_rate: Learning rate of the fully connected chains, as a fraction of the others'. A step of
@@ -109,15 +158,10 @@ class TrainConfig(_Section):
 
     model: ModelKind
     recipe: Literal["faithful", "best"] = "faithful"
-    conditions: tuple[str, ...] = ()
-    frames: str = ""
-    drop_dark: bool = False
-    drop_stationary: bool = False
     image_size: tuple[int, int] = (224, 224)
     grey: bool = False
     epochs: Annotated[int, Field(gt=0)] | None = None
     minutes: Positive | None = None
-    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
     batch_size: Annotated[int, Field(ge=2)] = 32
     learning_rate: Positive = 1e-3
     fully_connected_rate: Positive = 0.1
@@ -179,30 +223,8 @@ class TrainConfig(_Section):
         return [name for name, used in named.items() if used]
 
     @classmethod
-    def build(cls, /, **values: Any) -> TrainConfig:
-        """Makes a configuration from a recipe's defaults and the values given over them.
-
-        Args:
-            values: Fields of this class; tables may be given in part (`weights={"place": 100}`).
-
-        Raises:
-            ConfigError: A key does not exist or a value is out of its range; the message names it.
-        """
-        defaults = recipe(str(values.get("model")), str(values.get("recipe", "faithful")))
-        try:
-            return cls.model_validate(_merge(defaults, values))
-        except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"]) or "configuration"
-            message = first["msg"].removeprefix("Value error, ")
-            sections: dict[Any, type[BaseModel]] = {
-                "weights": TermWeights,
-                "augmentation": Augmentation,
-                "remedies": Remedies,
-            }
-            section = sections.get(first["loc"][0], cls) if len(first["loc"]) > 1 else cls
-            known = f"; known are {', '.join(section.model_fields)}" if first["type"] == "extra_forbidden" else ""
-            raise ConfigError(f"{where}: {message}{known}") from None
+    def _defaults(cls, values: dict[str, Any]) -> dict[str, Any]:
+        return recipe(str(values.get("model")), str(values.get("recipe", "faithful")))
 
 
 def recipe(model: str, name: str) -> dict[str, Any]:
@@ -255,7 +277,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         ) from None
 
 
-def write_config(run: Path, config: TrainConfig) -> None:
+def write_config(run: Path, config: FitConfig) -> None:
     """Writes config.toml into a run directory."""
     values = config.model_dump(mode="json", exclude_none=True)
     write_text(run / CONFIG_FILE, tomli_w.dumps(values))

@@ -21,9 +21,7 @@ from torch.utils.data import DataLoader
 
 from everplace.data.images import usable_cores
 from everplace.data.route import Route
-from everplace.data.selection import Selection, parse_frames, select
 from everplace.errors import ConfigError, RouteError
-from everplace.files import readable
 from everplace.model.architecture import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.progress import Progress, quiet
@@ -33,10 +31,11 @@ from everplace.training.frames import Batch, EpochOrder, SplitRoute, TrainingFra
 from everplace.training.module import BoundModule
 from everplace.training.pairs import PairedFrames, PairOrder
 from everplace.training.run_directory import locked, prepare_run, require_same_images, require_usable
+from everplace.training.selection import select_route
 from everplace.training.state import ResumeState, RunProgress, require_fitting, save_state
 from everplace.training.validation import criterion_name
 
-__all__ = ["GRADIENT_NORM", "TrainSummary", "bf16_is_fast", "select_route", "train"]
+__all__ = ["GRADIENT_NORM", "TrainSummary", "bf16_is_fast", "train"]
 
 GRADIENT_NORM = 5.0
 
@@ -144,23 +143,6 @@ def bf16_is_fast(device: str) -> bool:
     return bool(capabilities.get("avx512_bf16") or capabilities.get("amx_bf16") or capabilities.get("bf16"))
 
 
-def select_route(route: Route, config: TrainConfig, progress: Progress = quiet) -> Route:
-    """The traverses and places that a configuration trains on.
-
-    Raises:
-        RouteError: CP-VAE was asked for and the traverses share no place, or nothing is left.
-    """
-    chosen = route.choose(config.conditions) if config.conditions else route
-    if config.model == "cp-vae" and not chosen.aligned:
-        raise RouteError(
-            f"the traverses {', '.join(readable(t.name) for t in chosen.traverses)} of {readable(route.root)} "
-            f"{chosen.why_not_aligned}, and cp-vae learns from the same places in several conditions; give the frames "
-            "of a place the same name in each traverse, or train c-vae"
-        )
-    frames = parse_frames(config.frames) if config.frames else None
-    return select(chosen, Selection(frames, config.drop_dark, config.drop_stationary), progress)
-
-
 def _model_config(conditions: tuple[str, ...], places: int, config: TrainConfig) -> ModelConfig:
     height, width = config.image_size
     try:
@@ -169,7 +151,7 @@ def _model_config(conditions: tuple[str, ...], places: int, config: TrainConfig)
             height=height,
             width=width,
             channels=1 if config.grey else 3,
-            conditions=() if config.model == "vae" else conditions,
+            conditions=conditions if config.model in ("c-vae", "cp-vae") else (),
             places=places if config.has_place_classes else 0,
             fully_connected=config.fully_connected,
         )

@@ -19,6 +19,7 @@ from everplace.model.architecture import ConditionVAE, Output
 from everplace.model.bounds import (
     Weights,
     c_vae_bound,
+    cae_objective,
     cp_vae_bound,
     gaussian_log_likelihood,
     label_log_likelihood,
@@ -55,6 +56,8 @@ def bound_terms(
 ) -> dict[str, Tensor]:
     """The terms of the model's bound for each frame, (B,), and the bound itself under `bound`.
 
+    The plain autoencoder has no bound and no terms; its objective stands under `bound`.
+
     Args:
         model: Says which bound it is.
         images: (B, C, H, W) in [0, 1].
@@ -64,6 +67,8 @@ def bound_terms(
             is left out, as held-out places have no class.
         weights: Weights of the terms.
     """
+    if model.config.kind == "cae":
+        return {"bound": cae_objective(images, output.reconstruction)}
     kl = output.posterior.kl()
     terms = {
         "image": gaussian_log_likelihood(images, output.reconstruction, log_sigma),
@@ -232,10 +237,11 @@ class BoundModule(lightning.LightningModule):
         means = {name: value / self._steps for name, value in sums.items()}
         self._sums.clear()
         self._steps = 0
-        kl = means.pop("kl_dimensions")
+        kl = means.pop("kl_dimensions", None)
         row = {name: float(value) for name, value in means.items() if name != "square"}
-        row["active_place"] = float((self.model.split.z_p(kl) > ACTIVE_ABOVE).sum())
-        row["active_condition"] = float((self.model.split.z_c(kl) > ACTIVE_ABOVE).sum())
+        if kl is not None:
+            row["active_place"] = float((self.model.split.z_p(kl) > ACTIVE_ABOVE).sum())
+            row["active_condition"] = float((self.model.split.z_c(kl) > ACTIVE_ABOVE).sum())
         # The sigma that training reached is fixed from here on: a bound is only ever evaluated with it.
         self.model.log_sigma.copy_(soft_clipped_log_sigma(means["square"]))
         row["sigma"] = float(self.model.log_sigma.exp())
@@ -247,7 +253,8 @@ class BoundModule(lightning.LightningModule):
             for name, term in terms.items():
                 self._sums[name] = self._sums[name] + term.mean()
             self._sums["square"] = self._sums["square"] + (images - output.reconstruction).square().mean()
-            self._sums["kl_dimensions"] = self._sums["kl_dimensions"] + output.posterior.kl().mean(0)
+            if output.posterior.log_variance is not None:
+                self._sums["kl_dimensions"] = self._sums["kl_dimensions"] + output.posterior.kl().mean(0)
         self._steps += 1
 
     def _follow_places(self, output: Output, places: Tensor) -> None:

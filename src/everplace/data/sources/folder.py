@@ -16,10 +16,13 @@ from everplace.data.traverse import Traverse
 from everplace.errors import RouteError
 from everplace.files import readable
 
-__all__ = ["POSES_CSV", "open_traverse", "read_traverses"]
+__all__ = ["POSES_CSV", "TIMES_CSV", "open_traverse", "read_traverses"]
 
 POSES_CSV = "poses.csv"
 """Where the poses of a traverse are, in its directory, unless route.toml names another file."""
+
+TIMES_CSV = "times.csv"
+"""When the frames of a traverse were taken, in its directory: columns stem, seconds."""
 
 _ENDINGS = tuple(sorted(IMAGE_ENDINGS))
 

@@ -1,0 +1,104 @@
+"""Any descriptor network that torch.hub can load, the way modern methods are published.
+
+    hub:OWNER/REPO[:REF]:ENTRY[?ARGUMENT=VALUE&...][#OPTION=VALUE&...]
+    hub:DIRECTORY:ENTRY...                              a clone; begins with /, . or ~
+
+For example CosPlace (Berton, Masone and Caputo, "Rethinking Visual Geo-localization for Large-Scale Applications",
+CVPR 2022), 512 numbers, 2,048 bytes a descriptor:
+
+    hub:gmberton/cosplace:get_trained_model?backbone=ResNet18&fc_output_dim=512#size=512x512
+
+The arguments go to the entry: numbers, true, false and null as in JSON, else text. The options say how images are
+prepared: `size` HxW (224x224), `mean` and `std` of values in [0, 1], one number or three separated by / (ImageNet's).
+The network takes B×3×H×W and returns B×D; descriptors are compared by cosine. Its code runs on this machine: a
+repository on GitHub must be named in EVERPLACE_TRUST_HUB at its first use.
+"""
+
+from __future__ import annotations
+
+import json
+from urllib.parse import unquote
+
+from everplace.describe.hub_repository import load_network, parse_repository
+from everplace.describe.network import NetworkDescriber
+from everplace.describe.network_input import IMAGENET, Normalisation
+from everplace.errors import MethodError
+
+__all__ = ["open_method"]
+
+_SIZE = (224, 224)  # a multiple of 14 and of 32, as the patches and strides of these networks want it
+_OPTIONS = ("mean", "size", "std")
+_BATCH = 8
+
+
+def open_method(argument: str) -> NetworkDescriber:
+    """Loads the network and describes one grey image with it, which tells its dimension.
+
+    Raises:
+        MethodError: The address is wrong, the repository is not trusted or cannot be loaded, or the network does not
+            give one row an image.
+    """
+    address, _, options_text = argument.partition("#")
+    target, _, arguments_text = address.partition("?")
+    where, _, entry = target.rpartition(":")
+    if not where or not entry:
+        raise MethodError(f"hub:{argument} names no entry; write hub:OWNER/REPO:ENTRY or hub:DIRECTORY:ENTRY")
+    repository = parse_repository(where)
+    options = _pairs(options_text)
+    unknown = sorted(set(options) - set(_OPTIONS))
+    if unknown:
+        raise MethodError(f"hub:{argument}: unknown option {unknown[0]!r} after #; known: {', '.join(_OPTIONS)}")
+    size = _size(options["size"]) if "size" in options else _SIZE
+    mean = _channels(options["mean"], "mean") if "mean" in options else IMAGENET.mean
+    std = _channels(options["std"], "std") if "std" in options else IMAGENET.std
+    normalisation = Normalisation(mean, std)
+    arguments = {key: _value(text) for key, text in _pairs(arguments_text).items()}
+    loaded = load_network(repository, entry, arguments)
+    return NetworkDescriber(
+        f"hub:{repository.label}:{entry}",
+        loaded.network,
+        size=size,
+        normalisation=normalisation,
+        settings={
+            "arguments": json.dumps(arguments, sort_keys=True),
+            "code": loaded.code[:16],
+            "weights": loaded.weights[:16],
+        },
+        batch=_BATCH,
+    )
+
+
+def _pairs(text: str) -> dict[str, str]:
+    pairs: dict[str, str] = {}
+    for part in filter(None, text.split("&")):
+        key, equals, value = part.partition("=")
+        if not equals or not key:
+            raise MethodError(f"{part!r} is no KEY=VALUE; separate several by &, and quote the whole for the shell")
+        if key in pairs:
+            raise MethodError(f"{key!r} is given twice; keep one")
+        pairs[key] = unquote(value)
+    return pairs
+
+
+def _value(text: str) -> object:
+    try:
+        return json.loads({"True": "true", "False": "false", "None": "null"}.get(text, text))
+    except ValueError:
+        return text
+
+
+def _size(text: str) -> tuple[int, int]:
+    height, _, width = text.partition("x")
+    if not (height.isascii() and width.isascii() and height.isdigit() and width.isdigit()):
+        raise MethodError(f"size={text} is no size; write HxW in pixels, such as size=480x640")
+    return int(height), int(width)
+
+
+def _channels(text: str, name: str) -> tuple[float, ...]:
+    try:
+        values = tuple(float(part) for part in text.split("/"))
+    except ValueError:
+        values = ()
+    if len(values) not in {1, 3}:
+        raise MethodError(f"{name}={text} must be one number, or three separated by /, such as {name}=0.5/0.5/0.5")
+    return values

@@ -1,0 +1,247 @@
+"""Any descriptor network in an ONNX file: `onnx:NAME.onnx`, with `NAME.toml` beside it.
+
+The TOML says which images the network wants (see `everplace.describe.onnx_toml`); the network has one input, of a fixed
+or free number of images, and gives B×D numbers, 4 D bytes a descriptor, compared by cosine. `everplace export` writes
+such a pair for a trained model. ONNX (https://onnx.ai) is a file of operators and numbers: opening one runs no code of
+its maker. It runs in onnxruntime, without torch.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.data.images import ImageSpec, usable_cores
+from everplace.describe.network_input import Normalisation, network_input
+from everplace.describe.onnx_toml import OnnxToml, onnx_toml_path, read_onnx_toml
+from everplace.describe.protocol import Metric, require_images
+from everplace.downloads import sha256_of
+from everplace.errors import ConfigError, MethodError, MissingExtraError
+from everplace.files import readable
+
+if TYPE_CHECKING:
+    import onnxruntime
+
+__all__ = ["OnnxDescriber", "open_method"]
+
+_INPUT_TYPES = {"tensor(uint8)": np.uint8, "tensor(float)": np.float32, "tensor(float16)": np.float16}
+_OUTPUT_TYPES = {"tensor(float)", "tensor(float16)", "tensor(double)"}
+_FATAL_ONLY = 4  # what fails is raised, and said once
+_BATCH = 8
+
+
+@dataclass(frozen=True, slots=True)
+class _Input:
+    """The network's input.
+
+    Attributes:
+        name: Its name.
+        type: Of its numbers.
+        batch: The number of images it takes; None: any.
+    """
+
+    name: str
+    type: type[np.generic]
+    batch: int | None
+
+
+class OnnxDescriber:
+    """An ONNX network, opened.
+
+    Attributes:
+        method: `onnx:NAME`.
+        image: What the TOML says.
+        dimension: D, learnt from one grey image.
+        metric: Cosine similarity.
+        batch: Images at once where nobody asks for another number.
+    """
+
+    metric: Metric = "cosine"
+
+    def __init__(self, path: Path, toml: OnnxToml) -> None:
+        self.method = f"onnx:{path.stem}"
+        self.image = ImageSpec(toml.image_size, grey=toml.colour == "grey")
+        self._toml = toml
+        self._weights = _weights_hash(path)
+        self._session = _session(path)
+        self._input = _input(path, self._session, toml)
+        self._output = _output_name(path, self._session, toml)
+        self.batch = self._input.batch or _BATCH
+        self.dimension = self._measured_dimension(path)
+
+    def settings(self) -> dict[str, str | int | float | bool]:
+        """Returns what the TOML says and the hash of the network's file."""
+        told = self._toml.model_dump(mode="json", exclude_none=True)
+        flat = {key: " ".join(map(str, value)) if isinstance(value, list) else value for key, value in told.items()}
+        return {**flat, "weights": self._weights[:16]}
+
+    def describe(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Describes B×H×W×C images by B×D numbers.
+
+        Raises:
+            MethodError: The network returned something else.
+        """
+        require_images(images, self.image, self.method)
+        step = self._input.batch or max(1, len(images))
+        values = np.empty((len(images), self.dimension), np.float32)
+        for start in range(0, len(images), step):
+            some = images[start : start + step]
+            values[start : start + step] = self._run(some)
+        if self._toml.l2:
+            lengths = np.linalg.norm(values, axis=1, keepdims=True)
+            np.divide(values, lengths, out=values, where=lengths > 0)
+        return values
+
+    def _run(self, images: NDArray[np.uint8]) -> NDArray[Any]:
+        """Describes at most as many images as the network takes; a fixed batch is filled up."""
+        count = len(images)
+        if self._input.batch is not None:
+            images = np.pad(images, ((0, self._input.batch - count), (0, 0), (0, 0), (0, 0)))
+        fed = {self._input.name: self._prepared(images)}
+        output = np.asarray(self._session.run([self._output], fed)[0])
+        if output.ndim != 2 or len(output) != len(images):
+            raise MethodError(
+                f"{self.method} returned an array of shape {output.shape} for {len(images)} images instead of one row "
+                "an image; name an `output` of B×D in its TOML"
+            )
+        return output[:count]
+
+    def _prepared(self, images: NDArray[np.uint8]) -> NDArray[Any]:
+        toml = self._toml
+        if toml.colour == "bgr":
+            images = images[..., ::-1]
+        if toml.mean is None or toml.scale is None:
+            return np.ascontiguousarray(images if toml.layout == "nhwc" else images.transpose(0, 3, 1, 2))
+        values = network_input(images, Normalisation(toml.mean, toml.scale))
+        laid = values if toml.layout == "nchw" else np.ascontiguousarray(values.transpose(0, 2, 3, 1))
+        return laid.astype(self._input.type, copy=False)
+
+    def _measured_dimension(self, path: Path) -> int:
+        height, width = self._toml.image_size
+        grey = np.full((1, height, width, self.image.channels), 128, np.uint8)
+        try:
+            return int(self._run(grey).shape[1])
+        except MethodError:
+            raise
+        except Exception as error:  # onnxruntime's own kinds derive from nothing more special
+            raise MethodError(
+                f"{readable(path)} fails on an image of {height}×{width}: {_first_line(error)}; "
+                f"correct image_size or layout in {readable(onnx_toml_path(path))}"
+            ) from error
+
+
+def open_method(argument: str) -> OnnxDescriber:
+    """Opens an ONNX file and the TOML beside it.
+
+    Raises:
+        MethodError: The file is missing, is no ONNX network, or does not take or give what is wanted.
+        MissingExtraError: onnxruntime is not installed.
+        ConfigError: The TOML is missing or wrong.
+    """
+    if not argument:
+        raise MethodError("onnx needs a file; write onnx:FILE.onnx")
+    path = Path(argument).expanduser()
+    if not path.is_file():
+        raise MethodError(f"there is no ONNX file {readable(path)}; check the path after onnx:")
+    return OnnxDescriber(path, read_onnx_toml(onnx_toml_path(path)))
+
+
+def _session(path: Path) -> onnxruntime.InferenceSession:
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise MissingExtraError("the method onnx", "onnx") from error
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = _FATAL_ONLY
+    options.intra_op_num_threads = usable_cores()  # its own choice is all cores of the machine
+    wanted = ("CUDAExecutionProvider", "CPUExecutionProvider")
+    providers = [name for name in wanted if name in onnxruntime.get_available_providers()]
+    try:
+        return onnxruntime.InferenceSession(str(path), options, providers)
+    except Exception as error:  # onnxruntime's own kinds derive from nothing more special
+        raise MethodError(
+            f"{readable(path)} is no ONNX network that runs here: {_first_line(error)}; export it again"
+        ) from error
+
+
+def _input(path: Path, session: onnxruntime.InferenceSession, toml: OnnxToml) -> _Input:
+    inputs = session.get_inputs()
+    if len(inputs) != 1:
+        names = ", ".join(one.name for one in inputs)
+        raise MethodError(
+            f"{readable(path)} has {len(inputs)} inputs ({names}); export a network that takes images alone"
+        )
+    (only,) = inputs
+    toml_path = readable(onnx_toml_path(path))
+    height, width = toml.image_size
+    wanted = (toml.channels, height, width) if toml.layout == "nchw" else (height, width, toml.channels)
+    fits = len(only.shape) == 4 and all(
+        not isinstance(has, int) or has == want for has, want in zip(only.shape[1:], wanted, strict=True)
+    )
+    if not fits:
+        raise MethodError(
+            f"{readable(path)} takes images of shape {only.shape}, but its TOML says B×{'×'.join(map(str, wanted))}; "
+            f"correct image_size, colour or layout in {toml_path}"
+        )
+    if only.type not in _INPUT_TYPES:
+        raise MethodError(f"{readable(path)} takes {only.type}; export it for one of {', '.join(_INPUT_TYPES)}")
+    takes_pixels = only.type == "tensor(uint8)"
+    if takes_pixels != (toml.mean is None):
+        need = (
+            "the pixels themselves; leave out mean and scale"
+            if takes_pixels
+            else "prepared numbers; state mean and scale"
+        )
+        raise ConfigError(f"{readable(path)} takes {only.type}, so it wants {need} in {toml_path}")
+    return _Input(only.name, _INPUT_TYPES[only.type], only.shape[0] if isinstance(only.shape[0], int) else None)
+
+
+def _output_name(path: Path, session: onnxruntime.InferenceSession, toml: OnnxToml) -> str:
+    outputs = {one.name: one.type for one in session.get_outputs()}
+    toml_path = readable(onnx_toml_path(path))
+    if toml.output is None and len(outputs) > 1:
+        raise ConfigError(f"{readable(path)} has the outputs {', '.join(outputs)}; name one as `output` in {toml_path}")
+    name = toml.output or next(iter(outputs))
+    if name not in outputs:
+        raise ConfigError(
+            f"{toml_path} names the output {name!r}, but the network has {', '.join(outputs)}; correct it"
+        )
+    if outputs[name] not in _OUTPUT_TYPES:
+        raise MethodError(f"the output {name!r} of {readable(path)} is {outputs[name]}, not floating-point numbers")
+    return name
+
+
+def _weights_hash(path: Path) -> str:
+    """SHA-256 of the file, and of those that it keeps large tensors in."""
+    try:
+        import onnx
+    except ImportError as error:
+        raise MissingExtraError("the method onnx", "onnx") from error
+    try:
+        model = onnx.load(str(path), load_external_data=False)
+        names = {
+            entry.value
+            for tensor in model.graph.initializer
+            if tensor.data_location == onnx.TensorProto.EXTERNAL
+            for entry in tensor.external_data
+            if entry.key == "location"
+        }
+        hashes = [sha256_of(one) for one in (path, *(path.parent / name for name in sorted(names)))]
+    except OSError as error:
+        raise MethodError(
+            f"cannot read {readable(error.filename or path)}: {error.strerror or error}; "
+            "copy the network with all its files"
+        ) from error
+    except Exception as error:  # protobuf's own kind, which lies in another module for each of its versions
+        raise MethodError(f"{readable(path)} is no ONNX file: {_first_line(error)}; export it again") from error
+    return hashes[0] if len(hashes) == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
+
+
+def _first_line(error: Exception) -> str:
+    lines = str(error).strip().splitlines()
+    return lines[0] if lines else type(error).__name__

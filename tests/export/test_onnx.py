@@ -1,0 +1,148 @@
+"""Exporting a run: the ONNX network describes as the run does, and no other file is touched."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from everplace.cli import main
+from everplace.data.route import open_route
+from everplace.describe.pipeline import describe_traverse
+from everplace.describe.protocol import Describer
+from everplace.describe.registry import open_describer
+from everplace.errors import ConfigError, MachineError, MissingExtraError
+from everplace.export import onnx as export
+from everplace.export.onnx import export_onnx
+from everplace.model.architecture import ConditionVAE
+from everplace.model.checkpoint import save_checkpoint
+from everplace.model.config import ModelConfig, ModelKind
+
+
+def saved_run(run: Path, kind: ModelKind = "cp-vae", channels: int = 3) -> Path:
+    """A run directory with an untrained model, whose statistics of normalisation are not the initial ones."""
+    labels = () if kind == "vae" else ("a", "b")
+    places = 4 if kind == "cp-vae" else 0
+    config = ModelConfig(
+        kind=kind, height=32, width=64, channels=3 if channels == 3 else 1, conditions=labels, places=places
+    )
+    with torch.random.fork_rng():
+        torch.manual_seed(2)
+        model = ConditionVAE(config)
+        with torch.no_grad():
+            for parameter in model.encoder.parameters():
+                if parameter.ndim > 1:  # torch's own weights make the same of every image
+                    torch.nn.init.kaiming_normal_(parameter, a=0.1)
+            for _ in range(20):
+                model.encoder(torch.rand(8, channels, 32, 64))
+    save_checkpoint(run, model, {})
+    (run / "config.toml").write_text('model = "cp-vae"\n')
+    return run
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A run and its ONNX network."""
+    base = tmp_path_factory.mktemp("export")
+    run = saved_run(base / "run")
+    result = export_onnx(run, base / "net.onnx")
+    assert result.difference <= 1e-4
+    assert result.dimension == 96
+    assert result.bytes == (base / "net.onnx").stat().st_size
+    return run, base / "net.onnx"
+
+
+def values_of(describer: Describer, route: Path, batch: int) -> np.ndarray:
+    return describe_traverse(describer, open_route(route)["winter"], batch=batch).values
+
+
+@pytest.mark.parametrize("batch", [1, 5, 12])
+def test_it_describes_as_the_run_does(exported: tuple[Path, Path], tiny_route: Path, batch: int) -> None:
+    run, network = exported
+    ours = values_of(open_describer(str(run)), tiny_route, 12)
+    theirs = values_of(open_describer(f"onnx:{network}"), tiny_route, batch)
+    assert ours.std(axis=0).max() > 0.1
+    assert np.abs(ours - theirs).max() <= 1e-4
+
+
+@pytest.mark.parametrize(("kind", "channels", "size"), [("vae", 1, 128), ("c-vae", 1, 96)])
+def test_grey_and_plain_models_are_exported_too(
+    tmp_path: Path, tiny_route: Path, kind: ModelKind, channels: int, size: int
+) -> None:
+    run = saved_run(tmp_path / "run", kind, channels)
+    export_onnx(run, tmp_path / "net.onnx")
+    ours = values_of(open_describer(str(run)), tiny_route, 12)
+    theirs = values_of(open_describer(f"onnx:{tmp_path / 'net.onnx'}"), tiny_route, 12)
+    assert ours.shape == theirs.shape == (12, size)
+    assert np.abs(ours - theirs).max() <= 1e-4
+
+
+def test_only_the_pair_is_written(exported: tuple[Path, Path]) -> None:
+    network = exported[1]
+    assert sorted(path.name for path in network.parent.iterdir()) == ["net.onnx", "net.toml", "run"]
+
+
+def test_an_earlier_export_is_replaced_and_another_toml_is_not(tmp_path: Path) -> None:
+    run = saved_run(tmp_path / "run")
+    (tmp_path / "net.onnx").write_text("old")
+    (tmp_path / "net.toml").write_text('image_size = [1, 1]\ncolour = "grey"\n')
+    export_onnx(run, tmp_path / "net.onnx")
+    assert open_describer(f"onnx:{tmp_path / 'net.onnx'}").dimension == 96
+    before = (run / "config.toml").read_text()
+    with pytest.raises(ConfigError, match=r"--onnx would replace .*config\.toml, which is of another kind"):
+        export_onnx(run, run / "config.onnx")
+    assert (run / "config.toml").read_text() == before
+    assert not (run / "config.onnx").exists()
+
+
+def test_a_network_that_describes_otherwise_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(export, "TOLERANCE", -1.0)
+    run = saved_run(tmp_path / "run")
+    with pytest.raises(MachineError, match="gives other descriptors than .*nothing was written"):
+        export_onnx(run, tmp_path / "net.onnx")
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+@pytest.mark.parametrize("library", ["onnxscript", "onnxruntime"])
+def test_a_missing_library_is_named_with_its_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, library: str
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(MissingExtraError, match=r"everplace export needs .*pip install 'everplace\[export\]'"):
+        export_onnx(saved_run(tmp_path / "run"), tmp_path / "net.onnx")
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_the_command_says_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = saved_run(tmp_path / "run", "vae", 1)
+    network = tmp_path / "deep" / "net.onnx"
+    assert main.run(["export", str(run), "--onnx", str(network), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["onnx"] == str(network)
+    assert result["toml"] == str(network.with_suffix(".toml"))
+    assert result["dimension"] == 128
+    assert network.is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["{run}", "--onnx", "{base}/net.pt"], "--onnx .*net.pt must end in .onnx"),
+        (["{base}", "--onnx", "{base}/net.onnx"], "checkpoint.json is missing"),
+        (["{base}/none", "--onnx", "{base}/net.onnx"], "none is not a run directory"),
+    ],
+)
+def test_mistakes_are_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    run = saved_run(tmp_path / "run")
+    assert main.run(["export", *(one.format(run=run, base=tmp_path) for one in arguments)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    (line,) = captured.err.strip().splitlines()
+    assert re.search(message, line)
