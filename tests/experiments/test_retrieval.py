@@ -91,6 +91,19 @@ def test_descriptors_made_before_are_used_again(tiny_route: Path) -> None:
     np.testing.assert_array_equal(first.similarity, second.similarity)
 
 
+def test_stems_that_are_no_places_tell_no_truth_but_poses_do(tiny_route: Path) -> None:
+    (tiny_route / "route.toml").write_text("aligned = false\n")
+    for traverse in ("summer", "winter"):
+        rows = [f"{place},{10.0 * place},0,0" for place in range(12)]
+        (tiny_route / traverse / "poses.csv").write_text("stem,x,y,heading\n" + "\n".join(rows) + "\n")
+    chosen, pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
+    with pytest.raises(RouteError, match=r"are not aligned, as route.toml says \(aligned = false\), so nobody knows"):
+        true_matches(chosen, pair, Truth())
+    np.testing.assert_array_equal(true_matches(chosen, pair, Truth(radius=1.0))[0], np.eye(12, dtype=bool))
+    chosen, pair = choose_pair(open_route(tiny_route), "winter", "winter", Selection())
+    np.testing.assert_array_equal(true_matches(chosen, pair, Truth(0))[0], np.eye(12, dtype=bool))
+
+
 def rename(directory: Path, prefix: str) -> None:
     for path in list(directory.glob("*.png")):
         path.rename(path.with_name(prefix + path.name))

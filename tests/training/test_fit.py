@@ -217,9 +217,11 @@ def test_what_cannot_be_trained_is_one_clear_error_and_makes_no_directory(
     route: Route, make_config: MakeConfig, tmp_path: Path
 ) -> None:
     apart = apart_route(tmp_path / "apart")
+    denied = replace(route, stems_are_places=False)
     refused: list[tuple[Route, TrainConfig, int, type[EverplaceError], str]] = [
         (route, make_config(model="c-vae", conditions=("day",)), 1, ConfigError, "c-vae needs at least two conditions"),
         (apart, make_config(held_out_gap=0), 1, RouteError, "share no stem, and cp-vae learns from the same places"),
+        (denied, make_config(held_out_gap=0), 1, RouteError, "are not aligned, as route.toml says"),
         (route, make_config(held_out_gap=10), 1, RouteError, "12 frames to train on, too few"),
         (route, make_config(conditions=("dusk",)), 1, RouteError, "'dusk'"),
         (route, make_config(frames="5:1"), 1, ConfigError, "5:1"),

@@ -5,13 +5,17 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
 from everplace.cli.options import Json
 from everplace.cli.output import require_directory, show_progress, show_result, warn
 from everplace.errors import ConfigError
+
+if TYPE_CHECKING:
+    from everplace.data.catalogue import DataSet
+    from everplace.data.fetching import Fetched
 
 __all__ = ["fetch", "register"]
 
@@ -58,7 +62,7 @@ def fetch(
         "bytes": sum(file.size or 0 for file in fetched.files),
         "licence": data_set.licence,
         "citation": data_set.citation,
-        "next": _import_command(data_set.kind, fetched.directory),
+        "next": _next(data_set, fetched),
     }
     if as_json:
         result["files"] = [
@@ -72,6 +76,9 @@ def fetch(
     show_result(result, as_json)
 
 
-def _import_command(kind: str, directory: Path) -> str:
-    """The command that turns what was fetched into a route."""
-    return f"everplace data import {kind} {shlex.quote(str(directory))} --out my-route"
+def _next(data_set: DataSet, fetched: Fetched) -> str:
+    """The commands that turn what was fetched into a route."""
+    where = shlex.quote(str(fetched.directory))
+    zips = [shlex.quote(str(fetched.directory / file.name)) for file in fetched.files if file.name.endswith(".zip")]
+    commands = [f"python -m zipfile -e {file} {where}" for file in zips]
+    return " && ".join([*commands, f"everplace data import {data_set.kind} {where} --out my-route"])

@@ -58,7 +58,7 @@ class DataSet:
         licence: What its publishers allow.
         citation: What to cite.
         files: What to fetch.
-        hub: Or the folder on the Hub whose files are fetched.
+        hub: A folder on the Hub whose files are fetched too.
         kind: The kind of source as which `everplace data import` reads it; empty: none does.
         unavailable: Why it cannot be fetched and where to ask; empty: it can.
     """
@@ -92,6 +92,13 @@ DATA_SETS = (
         summary="Nordland, four seasons, full frames, one a second, 48 GB in four archives (Somayeh-h/Nordland)",
         licence="CC BY-NC-SA 4.0, as its page on the Hugging Face Hub says",
         citation=f"{_NRK}; copy by S. Hussaini, https://huggingface.co/datasets/Somayeh-h/Nordland",
+        files=(
+            DataFile(
+                "nordland_imageNames.txt",
+                "https://huggingface.co/datasets/Somayeh-h/Nordland/resolve/main/dataset_imageNames/"
+                "nordland_imageNames.txt",
+            ),
+        ),
         hub=HubFolder("Somayeh-h/Nordland", "data", ".tar.gz"),
         kind="nordland",
     ),

@@ -90,7 +90,7 @@ def fetch_data_set(
 
 
 def _list(data_set: DataSet, patience: Patience | None) -> tuple[DataFile, ...]:
-    return data_set.files if data_set.hub is None else _list_hub(data_set.hub, patience)
+    return (*data_set.files, *(() if data_set.hub is None else _list_hub(data_set.hub, patience)))
 
 
 def _list_hub(hub: HubFolder, patience: Patience | None) -> tuple[DataFile, ...]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from everplace.data.natural_order import natural_key
-from everplace.data.route_toml import read_route_toml
+from everplace.data.route_toml import ROUTE_TOML, read_route_toml
 from everplace.data.sources.folder import read_traverses
 from everplace.data.traverse import Frame, Pose, Traverse
 from everplace.data.truth import TruthTable
@@ -25,6 +25,7 @@ class Route:
     Attributes:
         root: The route's directory.
         traverses: In natural order of their names.
+        stems_are_places: Whether equal stems in two traverses are the same place; route.toml can deny it.
         tolerance: Frames by which a match may be off, if route.toml says so.
         radius: Metres by which a match may be off, if route.toml says so.
         truth: Which frames show the same place, if route.toml names a file of pairs.
@@ -33,6 +34,7 @@ class Route:
 
     root: Path
     traverses: tuple[Traverse, ...]
+    stems_are_places: bool = True
     tolerance: int | None = None
     radius: float | None = None
     truth: TruthTable | None = None
@@ -50,8 +52,15 @@ class Route:
 
     @property
     def aligned(self) -> bool:
-        """Whether the traverses share at least one stem."""
+        """Whether the traverses share at least one place, which they tell by its stem."""
         return bool(self._common())
+
+    @property
+    def why_not_aligned(self) -> str:
+        """What to say of traverses that are not aligned: "<the traverses> ..."."""
+        if self.stems_are_places:
+            return "share no stem"
+        return f"are not aligned, as {ROUTE_TOML} says (aligned = false)"
 
     @property
     def matched_by_stem(self) -> bool:
@@ -98,9 +107,9 @@ class Route:
         return self._of(traverse for traverse in self.traverses if traverse.name in names)
 
     def shared_stems(self) -> tuple[str, ...]:
-        """Returns the stems that every traverse has, in natural order; empty when there is none."""
+        """Returns the stems that every traverse has, in natural order; empty when there is none, or none is a place."""
         first, *others = self.traverses
-        if all(traverse.stems == first.stems for traverse in others):
+        if not others or (self.stems_are_places and all(traverse.stems == first.stems for traverse in others)):
             return first.stems
         common = self._common()
         return tuple(stem for stem in self.traverses[0].stems if stem in common)
@@ -121,8 +130,10 @@ class Route:
         return replace(self, traverses=traverses)
 
     def _common(self) -> frozenset[str]:
-        """Returns the stems that every traverse has."""
+        """Returns the stems that every traverse has and that are places."""
         first, *others = self.traverses
+        if others and not self.stems_are_places:
+            return frozenset()
         return frozenset(first.stems).intersection(*(traverse.stems for traverse in others))
 
     def _unknown(self, name: str) -> RouteError:
@@ -159,6 +170,7 @@ def open_route(path: str | os.PathLike[str]) -> Route:
     return Route(
         root,
         traverses,
+        stems_are_places=settings.aligned,
         tolerance=settings.tolerance,
         radius=settings.radius,
         truth=truth,

@@ -2,6 +2,7 @@
 
 All of it is optional:
 
+    aligned = false                 # equal stems in two traverses are not the same place; default: they are
     tolerance = 1                   # frames: up to here two places count as the same
     radius = 25.0                   # or metres, where there are poses
     truth = "truth.csv"             # or a list of the pairs of frames that show the same place
@@ -57,6 +58,7 @@ class RouteToml(BaseModel):
     """What route.toml says.
 
     Attributes:
+        aligned: Whether equal stems in two traverses are the same place.
         tolerance: Frames by which a match may be off; None: not said.
         radius: Metres by which a match may be off; None: not said. Not beside `tolerance`.
         truth: A CSV file of pairs, from the route's directory (see `data.truth.TruthTable`); None: there is
@@ -68,6 +70,7 @@ class RouteToml(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
+    aligned: bool = True
     tolerance: Annotated[int, Field(ge=0)] | None = None
     radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     truth: _Text | None = None

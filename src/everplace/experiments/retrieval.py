@@ -14,7 +14,7 @@ from everplace.data.truth import truth_by_pose, truth_by_position
 from everplace.describe.descriptors import Descriptors
 from everplace.describe.pipeline import describe_traverse, time_describer
 from everplace.describe.protocol import Describer
-from everplace.errors import ConfigError
+from everplace.errors import ConfigError, RouteError
 from everplace.evaluate.scores import PrecisionRecall, Scores, evaluate, precision_recall
 from everplace.match.place_posterior import new_place_summary
 from everplace.match.search import compared
@@ -133,7 +133,8 @@ def true_matches(route: Route, pair: Pair, truth: Truth) -> tuple[NDArray[np.boo
 
     Raises:
         ConfigError: Both a tolerance and a radius are given.
-        RouteError: Poses are missing for a radius, or the file of pairs is wrong.
+        RouteError: Poses are missing for a radius, the file of pairs is wrong, or stems that are no places are to tell
+            the truth.
     """
     if truth.tolerance is not None and truth.radius is not None:
         raise ConfigError("--tolerance and --radius are two truths; give one of them")
@@ -145,6 +146,11 @@ def true_matches(route: Route, pair: Pair, truth: Truth) -> tuple[NDArray[np.boo
     if truth.radius is not None:
         return truth_by_pose(pair.query, pair.database, truth.radius), truth
     assert truth.tolerance is not None
+    if not route.stems_are_places and pair.query.name != pair.database.name:
+        raise RouteError(
+            f"the traverses {pair.query.name!r} and {pair.database.name!r} {route.why_not_aligned}, so nobody knows "
+            "which frames show the same place; add poses and give --radius, or rename the frames and take the line out"
+        )
     return truth_by_position(pair.query, pair.database, truth.tolerance), truth
 
 

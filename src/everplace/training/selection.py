@@ -21,9 +21,9 @@ def select_route(route: Route, config: FitConfig, progress: Progress = quiet) ->
     chosen = route.choose(config.conditions) if config.conditions else route
     if config.model == "cp-vae" and not chosen.aligned:
         raise RouteError(
-            f"the traverses {', '.join(readable(t.name) for t in chosen.traverses)} of {readable(route.root)} share no "
-            "stem, and cp-vae learns from the same places in several conditions; give the frames of a place the same "
-            "name in each traverse, or train c-vae"
+            f"the traverses {', '.join(readable(t.name) for t in chosen.traverses)} of {readable(route.root)} "
+            f"{chosen.why_not_aligned}, and cp-vae learns from the same places in several conditions; give the frames "
+            "of a place the same name in each traverse, or train c-vae"
         )
     frames = parse_frames(config.frames) if config.frames else None
     return select(chosen, Selection(frames, config.drop_dark, config.drop_stationary), progress)
