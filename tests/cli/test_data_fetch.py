@@ -4,16 +4,27 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
-from tests.file_server import FileServer
+from tests.file_server import FileServer, Trouble
 
 from everplace.cli import main
 from everplace.data import catalogue
 from everplace.data.catalogue import DataFile, DataSet
+
+CODE = """import sys
+from everplace.cli import main
+from everplace.data import catalogue
+from everplace.data.catalogue import DataFile, DataSet
+file = DataFile('walk.zip', sys.argv[1])
+catalogue.DATA_SETS = (DataSet('walk', 'a walk', 'research only', 'Somebody, 2020', files=(file,), kind='nordland'),)
+sys.exit(main.run(['data', 'fetch', 'walk', '--out', *sys.argv[2:]]))
+"""
 
 
 @pytest.fixture
@@ -61,17 +72,10 @@ def test_nobody_is_asked_where_nobody_sits(
 def test_a_person_at_a_terminal_is_asked(server: FileServer, tmp_path: Path, answer: str, fetched: bool) -> None:
     import pty
 
-    code = (
-        "import sys\nfrom everplace.cli import main\nfrom everplace.data import catalogue\n"
-        "from everplace.data.catalogue import DataFile, DataSet\n"
-        "file = DataFile('walk.zip', sys.argv[1])\n"
-        "catalogue.DATA_SETS = (DataSet('walk', 'a walk', 'research only', 'S.', files=(file,), kind='nordland'),)\n"
-        "sys.exit(main.run(['data', 'fetch', 'walk', '--out', sys.argv[2]]))"
-    )
     controller, terminal = pty.openpty()
     os.write(controller, answer.encode())
     ended = subprocess.run(
-        [sys.executable, "-c", code, server.url, tmp_path], stdin=terminal, capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", CODE, server.url, tmp_path], stdin=terminal, capture_output=True, text=True, timeout=60
     )
     os.close(terminal)
     os.close(controller)
@@ -97,8 +101,26 @@ def test_refusals(arguments: list[str], message: str, capsys: pytest.CaptureFixt
 def test_a_file_that_is_gone_is_a_failure_of_the_machine(
     server: FileServer, listed: DataSet, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from tests.file_server import Trouble
-
     server.troubles = [Trouble(status=404)]
     assert main.run(["data", "fetch", "walk", "--out", str(tmp_path), "--yes"]) == 1
     assert "does not exist (HTTP 404)" in capsys.readouterr().err
+
+
+def test_ctrl_c_in_the_middle_is_answered_at_once_and_nothing_is_lost(
+    server: FileServer, listed: DataSet, tmp_path: Path
+) -> None:
+    server.troubles = [Trouble(send=2_000_000, stall=True)]
+    partial = tmp_path / ".walk.zip.download"
+    command = [sys.executable, "-c", CODE, server.url, str(tmp_path), "--yes"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 60
+        while not partial.exists() or partial.stat().st_size < 2_000_000:
+            assert time.monotonic() < deadline, "nothing was downloaded"
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=20)  # well below the 30 seconds after which a server counts as dead
+    assert process.returncode == 130
+    assert err.splitlines()[-1] == "everplace: stopped; what was finished is kept"
+    assert main.run(["data", "fetch", "walk", "--out", str(tmp_path), "--yes"]) == 0
+    assert server.asked == ["", "bytes=2000000-"]
+    assert (tmp_path / "walk.zip").read_bytes() == server.content

@@ -41,8 +41,8 @@ def test_everything_that_can_be_said(tmp_path: Path) -> None:
     [
         (
             "tolerence = 1",
-            "unknown key 'tolerence' in .*route.toml; known here: ignore, protocol, radius, tolerance, traverses, "
-            "truth",
+            "unknown key 'tolerence' in .*route.toml; known here: aligned, ignore, protocol, radius, tolerance, "
+            "traverses, truth",
         ),
         (
             '[traverses.jan]\ncolour = "red"',
