@@ -10,10 +10,17 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import describing, memory, training
+from benchmarks import describing, fabmap, memory, opening, sequences, training
 from benchmarks.ratio import Ratio
 
-STUDIES = {"training": training.measure, "describing": describing.measure, "memory": memory.measure}
+STUDIES = {
+    "training": training.measure,
+    "describing": describing.measure,
+    "memory": memory.measure,
+    "fabmap": fabmap.measure,
+    "opening": opening.measure,
+    "sequences": sequences.measure,
+}
 
 
 def main() -> None:

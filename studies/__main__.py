@@ -19,51 +19,72 @@ from everplace.experiments.retrieval import Matching, Truth
 from everplace.files import write_text
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
-from studies.protocols import BASELINES, PROTOCOLS, VARIANTS, Protocol
+from studies import sequences
+from studies.protocols import PROTOCOLS, Protocol
 
 SCORES = ("recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP")
 
 
 def main() -> None:
+    if sys.argv[1:2] == ["sequences"]:
+        sequences.main(sys.argv[2:])
+        return
     parser = argparse.ArgumentParser(prog="python -m studies", description=__doc__)
-    parser.add_argument("study", choices=list(PROTOCOLS))
+    parser.add_argument("study", choices=list(PROTOCOLS), help="or sequences, which has options of its own")
     parser.add_argument("--data", type=Path, required=True, help="directory that holds the study's route")
     parser.add_argument("--out", type=Path, required=True, help="directory for runs, ledger and table.md")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
-    parser.add_argument("--variants", nargs="+", choices=list(VARIANTS), default=list(VARIANTS))
+    parser.add_argument("--variants", nargs="+", help="rows of the table to train (default: all)")
+    parser.add_argument("--ledger", type=Path, help="directory of the ledger (default: OUT/ledger)")
     given = parser.parse_args()
     protocol = PROTOCOLS[given.study]
+    unknown = set(given.variants or ()) - set(protocol.variants)
+    if unknown:
+        parser.error(f"--variants: {given.study} has no {min(unknown)!r}; it has: {', '.join(protocol.variants)}")
+    ledger_directory = given.ledger or given.out / "ledger"
     route = open_route(given.data / protocol.route)
-    for key, make in _rows(route, protocol, given):
-        entry = given.out / "ledger" / f"{key}.json"
-        if not entry.is_file():
+    for key, config, make in _rows(route, protocol, given):
+        entry = ledger_directory / f"{key}.json"
+        if entry.is_file():
+            _require_same(entry, config)
+        else:
             print(key, file=sys.stderr)
             write_text(entry, json.dumps(make(), indent=1) + "\n")
-    files = sorted((given.out / "ledger").glob("*.json"))
+    files = sorted(ledger_directory.glob("*.json"))
     ledger = {file.stem: json.loads(file.read_text("utf-8")) for file in files}
     table = _table(protocol, ledger)
     write_text(given.out / "table.md", table)
     print(table, end="")
 
 
-def _rows(route: Route, protocol: Protocol, given: argparse.Namespace) -> list[tuple[str, Any]]:
+def _rows(route: Route, protocol: Protocol, given: argparse.Namespace) -> list[tuple[str, TrainConfig | None, Any]]:
     """The ledger's keys with what computes each, seeds outermost so that a stopped study has whole columns."""
-    rows: list[tuple[str, Any]] = [
-        (name, lambda name=name: {"pairs": _evaluate(route, protocol, name)}) for name in BASELINES
+    rows: list[tuple[str, TrainConfig | None, Any]] = [
+        (name, None, lambda name=name: {"pairs": _evaluate(route, protocol, name)}) for name in protocol.baselines
     ]
     for seed in given.seeds:
-        for variant in given.variants:
+        for variant in given.variants or protocol.variants:
             key = f"{variant}, seed {seed}"
             run = given.out / "runs" / key.replace(", ", "-").replace(" ", "-")
-            rows.append((key, lambda v=variant, s=seed, r=run: _fit_and_evaluate(route, protocol, v, s, r)))
+            config = _config(protocol, variant, seed)
+            rows.append((key, config, lambda c=config, r=run: _fit_and_evaluate(route, protocol, c, r)))
     return rows
 
 
-def _fit_and_evaluate(route: Route, protocol: Protocol, variant: str, seed: int, run: Path) -> dict[str, Any]:
-    config = TrainConfig.build(
+def _require_same(entry: Path, config: TrainConfig | None) -> None:
+    """A row that was made with other settings does not belong into the same table."""
+    made_with = json.loads(entry.read_text("utf-8")).get("config", {})
+    now = config.model_dump(mode="json") if config is not None else {}
+    changed = sorted(key for key, value in made_with.items() if now.get(key) != value)
+    if changed:
+        sys.exit(f"{entry} was made with another {', '.join(changed)}; remove it, or name another --out")
+
+
+def _config(protocol: Protocol, variant: str, seed: int) -> TrainConfig:
+    return TrainConfig.build(
         **{
             **protocol.settings,
-            **VARIANTS[variant],
+            **protocol.variants[variant],
             "conditions": protocol.conditions,
             "frames": protocol.train_frames,
             "drop_dark": protocol.filtered,
@@ -71,6 +92,9 @@ def _fit_and_evaluate(route: Route, protocol: Protocol, variant: str, seed: int,
             "seed": seed,
         }
     )
+
+
+def _fit_and_evaluate(route: Route, protocol: Protocol, config: TrainConfig, run: Path) -> dict[str, Any]:
     summary = train(route, config, run, resume=True, show=True)
     return {
         "config": config.model_dump(mode="json"),
@@ -102,12 +126,12 @@ def _table(protocol: Protocol, ledger: dict[str, Any]) -> str:
     for index, (query, database) in enumerate(protocol.pairs):
         lines += [f"**{query} against {database}**", ""]
         lines += ["| method | numbers | " + " | ".join(SCORES) + " | training |", "|---" * (len(SCORES) + 3) + "|"]
-        for name in (*VARIANTS, *BASELINES):
+        for name in (*protocol.variants, *protocol.baselines):
             entries = _entries(ledger, name)
             if entries:
                 lines.append(_line(name, entries, index))
         lines.append("")
-    lines += _audit_lines(ledger)
+    lines += _audit_lines(protocol, ledger)
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -133,7 +157,7 @@ def _line(name: str, entries: list[dict[str, Any]], pair: int) -> str:
 _KEYS = ("auc_pr", "average_precision", "recall_at_100_precision", "extended_precision")
 
 
-def _audit_lines(ledger: dict[str, Any]) -> list[str]:
+def _audit_lines(protocol: Protocol, ledger: dict[str, Any]) -> list[str]:
     lines = [
         "**Leakage audit** on the tested places",
         "",
@@ -141,7 +165,7 @@ def _audit_lines(ledger: dict[str, Any]) -> list[str]:
         "mean image | active z_p / z_c |",
         "|---" * 10 + "|",
     ]
-    for name in VARIANTS:
+    for name in protocol.variants:
         audits = [entry["pairs"][0]["audit"] for entry in _entries(ledger, name)]
         if not audits:
             continue

@@ -19,6 +19,8 @@ class Protocol:
         tolerance: Places by which a match may be off.
         filtered: Whether dark and stationary places are dropped.
         settings: Further values of `TrainConfig`, the same for all models.
+        variants: What is trained, by its name in the table: values of `TrainConfig`.
+        baselines: Methods that are measured beside it.
     """
 
     route: str
@@ -29,7 +31,62 @@ class Protocol:
     tolerance: int
     filtered: bool
     settings: dict[str, Any] = field(default_factory=dict)
+    variants: dict[str, dict[str, Any]] = field(default_factory=lambda: MODELS)
+    baselines: tuple[str, ...] = ("sad", "hog")
 
+
+MODELS: dict[str, dict[str, Any]] = {
+    "cp-vae, best": {"model": "cp-vae", "recipe": "best", "epochs": 32},
+    "cp-vae": {"model": "cp-vae"},
+    "cp-vae, all weights 1": {"model": "cp-vae", "weights": {"condition": 1.0, "place": 1.0}},
+    "c-vae": {"model": "c-vae"},
+    "vae": {"model": "vae"},
+}
+"""Models of the tables; of the recipe `faithful` unless they are called best."""
+
+_FAITHFUL: dict[str, Any] = {"model": "cp-vae"}
+_BEST: dict[str, Any] = {"model": "cp-vae", "recipe": "best"}
+
+
+def _virtual(**changed: float) -> dict[str, Any]:
+    return {**_BEST, "remedies": {"virtual": changed}}
+
+
+INGREDIENTS: dict[str, dict[str, Any]] = {
+    "best": _BEST,
+    "best, place classes instead of the contrastive term": {
+        **_BEST,
+        "weights": {"place": 5000.0},
+        "remedies": {"contrastive": 0.0, "virtual": {"crop": 0.0, "mirror": 0.0, "join": 0.0}},
+    },
+    "best, no virtual places": _virtual(crop=0.0, mirror=0.0, join=0.0),
+    "best, no joined places": _virtual(join=0.0),
+    "best, all places joined": _virtual(join=1.0),
+    "best, no mirror": _virtual(mirror=0.0),
+    "best, no shared crop": _virtual(crop=0.0),
+    "best, shared crop 0.5": _virtual(crop=0.5),
+    "best, Table 1's chain": {**_BEST, "fully_connected": True, "fully_connected_rate": 0.1},
+    "best, temperature 0.05": {**_BEST, "remedies": {"temperature": 0.05}},
+    "best, temperature 0.2": {**_BEST, "remedies": {"temperature": 0.2}},
+    "best, batch 64": {**_BEST, "batch_size": 64},
+    "best, batch 256": {**_BEST, "batch_size": 256},
+    "best, shift 0.05": {**_BEST, "augmentation": {"shift": 0.05}},
+    "best, no shift and no crop": {**_BEST, "augmentation": {"shift": 0.0, "crop": 0.0}},
+    "best, no change of brightness and contrast": {**_BEST, "augmentation": {"brightness": 0.0, "contrast": 0.0}},
+    "best, twice the change of contrast": {**_BEST, "augmentation": {"contrast": 0.7}},
+    "best, blur": {**_BEST, "augmentation": {"blur": 1.0}},
+    "best, no weight decay": {**_BEST, "weight_decay": 0.0},
+    "best, learning rate 0.002": {**_BEST, "learning_rate": 0.002},
+    "best, a tenth of the image term": {**_BEST, "weights": {"image": 0.1}},
+    "best, KL of z_p ten times": {**_BEST, "weights": {"beta_place": 10.0}},
+    "best, 24 epochs": {**_BEST, "epochs": 24},
+    "faithful": _FAITHFUL,
+    "faithful, chain at the full learning rate": {**_FAITHFUL, "fully_connected_rate": 1.0},
+    "faithful, place target softened over neighbours": {**_FAITHFUL, "place_spread": 1.0},
+    "faithful, place weight 1,000": {**_FAITHFUL, "weights": {"place": 1000.0}},
+    "faithful, shift 0.05": {**_FAITHFUL, "augmentation": {"shift": 0.05}},
+}
+"""What the recipes are made of: each row changes one thing, and is compared on places that no table is tested on."""
 
 PROTOCOLS = {
     "nordland64": Protocol(
@@ -40,7 +97,7 @@ PROTOCOLS = {
         test_frames="1620:",
         tolerance=1,
         filtered=True,
-        settings={"image_size": (32, 64), "grey": True, "epochs": 12},
+        settings={"image_size": (32, 64), "grey": True, "epochs": 16},
     ),
     "gardens_point": Protocol(
         route="gardens_point",
@@ -52,14 +109,16 @@ PROTOCOLS = {
         filtered=False,
         settings={"image_size": (64, 128), "grey": True, "epochs": 60, "tolerance": 3},
     ),
+    "ingredients": Protocol(
+        route="nordland64",
+        conditions=("summer", "winter"),
+        pairs=(("winter", "summer"), ("summer", "winter")),
+        train_frames="0:1200",
+        test_frames="1220:1600",
+        tolerance=1,
+        filtered=True,
+        settings={"image_size": (32, 64), "grey": True, "epochs": 8},
+        variants=INGREDIENTS,
+        baselines=("hog",),
+    ),
 }
-
-VARIANTS: dict[str, dict[str, Any]] = {
-    "cp-vae": {"model": "cp-vae"},
-    "cp-vae, all weights 1": {"model": "cp-vae", "weights": {"condition": 1.0, "place": 1.0}},
-    "c-vae": {"model": "c-vae"},
-    "vae": {"model": "vae"},
-}
-"""Models of the tables, all of the recipe `faithful`."""
-
-BASELINES = ("sad", "hog")

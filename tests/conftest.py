@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from tests.file_server import FileServer, serving
 
 PLACES = 12
 
@@ -48,3 +49,11 @@ def tiny_route(tmp_path: Path) -> Path:
         Image.fromarray(summer).save(root / "summer" / f"{place}.png")
         Image.fromarray(pale.astype(np.uint8)).save(root / "winter" / f"{place}.png")
     return root
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[FileServer]:
+    """An HTTP server on this machine that misbehaves as told."""
+    monkeypatch.setenv("no_proxy", "*")
+    with serving() as served:
+        yield served

@@ -25,29 +25,40 @@ if TYPE_CHECKING:
     from everplace.describe.run import Method, load
     from everplace.errors import EverplaceError
     from everplace.evaluate.scores import Scores, evaluate, precision_recall
-    from everplace.match.sequence import average_sequences
+    from everplace.match.place_posterior import new_place_probability
+    from everplace.match.route_filter import Answer, RouteFilter
+    from everplace.match.route_model import RouteModel
+    from everplace.match.route_path import best_path, smooth_route
+    from everplace.match.sequence import average_sequences, search_sequences
     from everplace.match.similarity import similarity, similarity_blocks, top_k
     from everplace.match.standardise import standardise
 
 __all__ = [
+    "Answer",
     "Descriptors",
     "EverplaceError",
     "Frame",
     "Method",
     "Route",
+    "RouteFilter",
+    "RouteModel",
     "Scores",
     "Selection",
     "Traverse",
     "average_sequences",
+    "best_path",
     "evaluate",
     "load",
     "load_descriptors",
+    "new_place_probability",
     "open_route",
     "parse_frames",
     "precision_recall",
+    "search_sequences",
     "select",
     "similarity",
     "similarity_blocks",
+    "smooth_route",
     "standardise",
     "top_k",
     "truth_by_pose",
@@ -55,24 +66,31 @@ __all__ = [
 ]
 
 _HOME = {
+    "Answer": "match.route_filter",
     "Descriptors": "describe.descriptors",
     "EverplaceError": "errors",
     "Frame": "data.traverse",
     "Method": "describe.run",
     "Route": "data.route",
+    "RouteFilter": "match.route_filter",
+    "RouteModel": "match.route_model",
     "Scores": "evaluate.scores",
     "Selection": "data.selection",
     "Traverse": "data.traverse",
     "average_sequences": "match.sequence",
+    "best_path": "match.route_path",
     "evaluate": "evaluate.scores",
     "load": "describe.run",
     "load_descriptors": "describe.descriptors",
+    "new_place_probability": "match.place_posterior",
     "open_route": "data.route",
     "parse_frames": "data.selection",
     "precision_recall": "evaluate.scores",
+    "search_sequences": "match.sequence",
     "select": "data.selection",
     "similarity": "match.similarity",
     "similarity_blocks": "match.similarity",
+    "smooth_route": "match.route_path",
     "standardise": "match.standardise",
     "top_k": "match.similarity",
     "truth_by_pose": "data.truth",

@@ -9,14 +9,30 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from everplace.errors import StorageError
+from everplace.errors import ConfigError, StorageError
 
-__all__ = ["readable", "whole_directory", "whole_file", "write_bytes", "write_text"]
+__all__ = [
+    "cache_directory",
+    "readable",
+    "require_free_directory",
+    "whole_directory",
+    "whole_file",
+    "write_bytes",
+    "write_text",
+]
 
 
 def readable(path: str | os.PathLike[str]) -> str:
     """Returns a path as text that can always be printed (bytes that are not UTF-8 are escaped)."""
     return os.fsencode(os.fspath(path)).decode("utf-8", "backslashreplace")
+
+
+def cache_directory(name: str) -> Path:
+    """Returns where one sort of things is kept for the next time: in $EVERPLACE_CACHE, or else the user's cache."""
+    from platformdirs import user_cache_path
+
+    chosen = os.environ.get("EVERPLACE_CACHE")
+    return (Path(chosen) if chosen else user_cache_path("everplace", appauthor=False)) / name
 
 
 @contextlib.contextmanager
@@ -81,6 +97,21 @@ def whole_directory(path: Path) -> Iterator[Path]:
         raise StorageError(
             f"cannot write {readable(path)}: {_reason(error)}; free space or choose another place"
         ) from error
+
+
+def require_free_directory(path: Path) -> None:
+    """Refuses a directory to create that is there already, unless it is empty.
+
+    Raises:
+        ConfigError: It is a file, or holds something.
+        StorageError: It cannot be looked into.
+    """
+    try:
+        free = not os.path.lexists(path) or (path.is_dir() and not any(path.iterdir()))
+    except OSError as error:
+        raise StorageError(f"cannot look into {readable(path)}: {error.strerror}; choose another place") from error
+    if not free:
+        raise ConfigError(f"{readable(path)} already exists and is not empty: choose another place")
 
 
 def write_bytes(path: Path, data: bytes) -> None:

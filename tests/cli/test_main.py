@@ -23,7 +23,8 @@ from everplace.cli import main
 
 COMMANDS = [
     "demo", "train", "describe", "match", "evaluate", "compare", "show swap", "show constant", "show matrix",
-    "show matches", "export", "data render", "data inspect", "data pack",
+    "show matches", "export", "data render", "data inspect", "data pack", "data align", "data fetch", "data import",
+    "data list",
 ]  # fmt: skip
 
 
@@ -259,6 +260,8 @@ def test_a_run_of_another_version_is_refused(way: Path, tmp_path: Path) -> None:
         (["train", "{route}", "--model", "vae", "--recipe", "secret", "--out", "{out}"], "secret"),
         (["train", "{route}", "--model", "vae", "--minutes", "1", "--epochs", "1", "--out", "{out}"], "minutes"),
         (["train", "{out}", "--model", "vae", "--out", "{out}"], "does not exist"),
+        (["train", "{route}", "--model", "fabmap", "--epochs", "3", "--out", "{out}"], "--epochs does not apply"),
+        (["compare", "{route}", "--methods", "fabmap", "--out", "{out}"], "--fit-frames"),
         (["describe", "sadd", "{route}/summer", "--out", "{out}"], "sadd"),
         (["describe", "sad", "{route}/autumn", "--out", "{out}"], "autumn"),
         (["match", "{out}", "{out}", "--out", "{out}"], "out"),

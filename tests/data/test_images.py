@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from everplace.data import images
+from everplace.data.image_formats import image_size
 from everplace.data.images import ImageSpec, decode_image, decode_images, resize_image
 from everplace.errors import ConfigError, ImageError
 from everplace.files import readable
@@ -198,6 +199,7 @@ def test_exif_orientation_is_applied(tmp_path: Path, orientation: int) -> None:
     assert np.abs(decode_image(path, COLOUR).astype(int) - upright).max() <= 6
     small = decode_image(path, ImageSpec(size=(32, 48)))
     assert np.abs(small.astype(int) - resize_image(upright, (32, 48))).max() <= 6
+    assert image_size("a.jpg", path.read_bytes()) == (64, 96)
 
 
 @pytest.mark.parametrize("kind", ["JPEG", "PNG", "BMP", "TIFF", "WEBP", "PPM"])
@@ -360,7 +362,7 @@ def test_look_ahead_is_bounded_and_threads_end(thirty: list[Path], monkeypatch: 
     next(reader)
     assert len(started) <= 5
     reader.close()  # type: ignore[attr-defined]
-    assert not [thread for thread in threading.enumerate() if thread.name.startswith("decode")]
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("ahead")]
 
 
 def test_a_bad_image_stops_the_reader_at_its_place(thirty: list[Path]) -> None:

@@ -22,6 +22,13 @@ alike = st.lists(st.integers(0, 3000), unique=True, max_size=12)
         ["1", "a", "b1"],
         ["x", "x0", "x00", "x1"],
         ["images-00990", "images-01000"],
+        ["0", "1", "2", "10"],
+        ["0", "00", "1", "10"],
+        ["01", "1", "10"],
+        ["a1", "a2", "a11.b", "a12"],
+        ["cam1-9", "cam1-10", "cam1-100"],
+        ["9.left", "10.left"],
+        ["1\n", "2\n", "10\n"],
     ],
 )
 def test_known_orders(ordered: list[str]) -> None:

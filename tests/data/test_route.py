@@ -93,3 +93,21 @@ def test_traverses_without_shared_stems(tmp_path: Path) -> None:
 def test_name_of_a_relative_route(tiny_route: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tiny_route)
     assert open_route(".").name == "tiny"
+
+
+def test_equal_stems_that_are_not_equal_places(tmp_path: Path) -> None:
+    make(tmp_path, a=["1", "2"], b=["1", "2", "3"])
+    (tmp_path / "route.toml").write_text("aligned = false\n")
+    route = open_route(tmp_path)
+    assert not route.aligned
+    assert route.shared_stems() == ()
+    assert route.why_not_aligned == "are not aligned, as route.toml says (aligned = false)"
+    assert route.choose(["b"]).shared_stems() == ("1", "2", "3")
+    (tmp_path / "route.toml").write_text("aligned = true\n")
+    assert open_route(tmp_path).shared_stems() == ("1", "2")
+
+
+def test_traverses_with_the_same_stems(tmp_path: Path) -> None:
+    route = open_route(make(tmp_path, a=["9", "10"], b=["10", "9"]))
+    assert route.shared_stems() == ("9", "10")
+    assert route.aligned

@@ -39,7 +39,11 @@ def test_everything_that_can_be_said(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("tolerence = 1", "unknown key 'tolerence' in .*route.toml; known here: ignore, radius, tolerance, traverses"),
+        (
+            "tolerence = 1",
+            "unknown key 'tolerence' in .*route.toml; known here: aligned, ignore, protocol, radius, tolerance, "
+            "traverses, truth",
+        ),
         (
             '[traverses.jan]\ncolour = "red"',
             "unknown key 'traverses.jan.colour' in .*route.toml; known here: condition, pattern, poses",
@@ -51,6 +55,8 @@ def test_everything_that_can_be_said(tmp_path: Path) -> None:
         ("radius = 0.0", "wrong value of 'radius'"),
         ("radius = inf", "wrong value of 'radius'"),
         ("tolerance = 1\nradius = 2.0", "tolerance and radius exclude each other"),
+        ('radius = 2.0\ntruth = "truth.csv"', "radius and truth exclude each other"),
+        ('truth = ""', "wrong value of 'truth'"),
         ('ignore = "thumbs"', "wrong value of 'ignore'"),
         ("[traverses.jan]\npattern = 'a/*.png'", "wrong value of 'traverses.jan.pattern'"),
         ("[traverses.jan]\ncondition = ''", "wrong value of 'traverses.jan.condition'"),

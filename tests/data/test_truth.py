@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from everplace.data.natural_order import natural_key, natural_sorted
 from everplace.data.traverse import Traverse
-from everplace.data.truth import truth_by_pose, truth_by_position
+from everplace.data.truth import TruthPair, TruthTable, truth_by_pose, truth_by_position, write_truth
 from everplace.errors import ConfigError, RouteError
 
 
@@ -101,3 +101,90 @@ def test_impossible_radius(radius: float) -> None:
 def test_missing_poses_name_the_remedy() -> None:
     with pytest.raises(RouteError, match=r"'t' has no poses; put a poses\.csv"):
         truth_by_pose(drive(["1"], [(0, 0)]), drive(["1"]), 5.0)
+
+
+def named(name: str, stems: list[str]) -> Traverse:
+    return Traverse(name, name, Path("/r") / name, tuple(stems), (".png",) * len(stems))
+
+
+QUERY, DATABASE = named("q", ["a", "b", "c"]), named("d", ["a", "x", "y", "z"])
+
+
+def table(path: Path, text: str) -> TruthTable:
+    path.write_text(text, encoding="utf-8")
+    return TruthTable(path, (QUERY, DATABASE))
+
+
+HEADER = "query_traverse,query,database_traverse,database\n"
+
+
+def test_pairs_hold_in_both_directions(tmp_path: Path) -> None:
+    truth = table(tmp_path / "t.csv", HEADER + "q,a,d,x\nq,a,d,y\nq,c,d,a\n\nd,z,q,b\nq,a,d,x\n")
+    expected = np.array([[0, 1, 1, 0], [0, 0, 0, 1], [1, 0, 0, 0]], dtype=bool)
+    np.testing.assert_array_equal(truth.matches(QUERY, DATABASE), expected)
+    np.testing.assert_array_equal(truth.matches(DATABASE, QUERY), expected.T)
+
+
+def test_frames_that_a_filter_left_out_do_not_shift_the_others(tmp_path: Path) -> None:
+    truth = table(tmp_path / "t.csv", HEADER + "q,a,d,x\nq,c,d,z\n")
+    found = truth.matches(QUERY.take([2, 1]), DATABASE.take([3, 0, 2]))
+    np.testing.assert_array_equal(found, np.array([[1, 0, 0], [0, 0, 0]], dtype=bool))
+
+
+def test_columns_in_any_order_and_pairs_within_one_traverse(tmp_path: Path) -> None:
+    truth = table(tmp_path / "t.csv", "note,database,query,query_traverse,database_traverse\n,y,x,d,d\n")
+    expected = np.zeros((4, 4), dtype=bool)
+    expected[1, 2] = expected[2, 1] = True
+    np.testing.assert_array_equal(truth.matches(DATABASE, DATABASE), expected)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "lacks the column 'query_traverse'"),
+        ("query_traverse,query,database_traverse\n", "lacks the column 'database'"),
+        (HEADER + "q,a\n", "row 2 must hold query_traverse, query"),
+        (HEADER + "q,a,d,x\nq,n,d,x\n", "row 3 names the frame 'n', which the traverse 'q' does not have"),
+        (HEADER + "q,a,d,n\n", "row 2 names the frame 'n', which the traverse 'd' does not have"),
+        (HEADER + "q,a,e,x\n", "names the traverse 'e', which the route does not have; there are: q, d"),
+        (HEADER + 'q,"a,d,x\n', "is not a UTF-8 CSV file"),
+        (HEADER + "d,x,d,y\n", "holds no pair of 'q' and 'd', only of 'd' and 'd'"),
+        (HEADER, "holds no pair of 'q' and 'd', only of nothing"),
+    ],
+)
+def test_a_wrong_file_of_pairs_names_row_and_stem(tmp_path: Path, text: str, message: str) -> None:
+    truth = table(tmp_path / "t.csv", text)
+    with pytest.raises(RouteError, match=message) as caught:
+        truth.matches(QUERY, DATABASE)
+    assert str(tmp_path / "t.csv") in str(caught.value)
+
+
+def test_a_missing_file_of_pairs(tmp_path: Path) -> None:
+    with pytest.raises(RouteError, match=r"t\.csv does not exist; add the file, or correct `truth`"):
+        TruthTable(tmp_path / "t.csv", (QUERY, DATABASE))
+
+
+any_stem = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=4)
+
+
+@given(st.lists(any_stem, unique=True, min_size=1, max_size=6), st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_what_is_written_is_read(tmp_path_factory: pytest.TempPathFactory, stems: list[str], seed: int) -> None:
+    path = tmp_path_factory.mktemp("truth") / "truth.csv"
+    query, database = named("q, 1", stems), named("d", stems)
+    expected = np.random.default_rng(seed).random((len(stems), len(stems))) < 0.4
+    expected[0, 0] = True
+    pairs = [TruthPair("q, 1", stems[i], "d", stems[j]) for i, j in np.argwhere(expected)]
+    assert write_truth(path, pairs) == len(pairs)
+    np.testing.assert_array_equal(TruthTable(path, (query, database)).matches(query, database), expected)
+
+
+@given(st.text(max_size=60))
+@settings(max_examples=60, deadline=None)
+def test_any_text_is_a_truth_or_one_error(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
+    path = tmp_path_factory.mktemp("truth") / "truth.csv"
+    path.write_bytes((HEADER + "q,a,d,x\n" + text).encode("utf-8", "surrogatepass"))
+    try:
+        assert TruthTable(path, (QUERY, DATABASE)).matches(QUERY, DATABASE)[0, 1]
+    except RouteError as error:
+        assert "truth.csv" in str(error)

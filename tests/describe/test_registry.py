@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,7 +19,7 @@ def test_methods_open_by_name() -> None:
     names = method_names()
     assert names == sorted(names)
     assert {"alexnet", "hog", "hub", "onnx", "sad", "vgg19"} <= set(names)
-    assert "vae" not in names  # a trained model is given by its run directory
+    assert not {"vae", "cae", "fabmap"} & set(names)  # a trained model is given by its run directory
     for name in ("hog", "sad"):
         assert open_describer(name).method == name
 
@@ -52,6 +53,21 @@ def test_a_run_directory_is_opened_as_a_trained_model(tmp_path: Path, monkeypatc
     monkeypatch.setitem(sys.modules, "everplace.describe.methods.vae", fake)
     (tmp_path / "config.toml").touch()
     assert open_describer(str(tmp_path)) == ("run", str(tmp_path))  # type: ignore[comparison-overlap]
+
+
+@pytest.mark.parametrize(
+    ("kind", "module"),
+    [("vae", "vae"), ("c-vae", "vae"), ("cp-vae", "vae"), ("cae", "cae"), ("fabmap", "fabmap"), ("later", "vae")],
+)
+def test_a_run_directory_says_what_opens_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, module: str
+) -> None:
+    for name in ("vae", "cae", "fabmap"):
+        fake = SimpleNamespace(open_method=lambda argument, name=name: name)
+        monkeypatch.setitem(sys.modules, f"everplace.describe.methods.{name}", fake)
+    (tmp_path / "config.toml").touch()
+    (tmp_path / "checkpoint.json").write_text(json.dumps({"model": {"kind": kind}}))
+    assert open_describer(str(tmp_path)) == module  # type: ignore[comparison-overlap]
 
 
 @pytest.mark.parametrize("method", ["nothing", "", "vae", "HOG", "_x", "hog/..", "a\0b", "x" * 5000, "../sad"])

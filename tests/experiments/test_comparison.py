@@ -16,6 +16,7 @@ from everplace.experiments.comparison import compare_methods
 from everplace.experiments.comparison_report import write_comparison
 from everplace.experiments.fitting import fit_and_open
 from everplace.experiments.retrieval import Matching, Truth
+from everplace.training.methods import build_config, fit_method
 
 
 def test_every_ordered_pair_and_method_is_there(tiny_route: Path, tmp_path: Path) -> None:
@@ -94,3 +95,39 @@ def test_a_model_is_fitted_on_the_other_places(tiny_route: Path, tmp_path: Path)
     assert [len(traverse) for traverse in tested.traverses] == [4, 4]
     assert describers["cp-vae"].dimension == 96
     assert (tmp_path / "out" / "runs" / "cp-vae" / "checkpoint.json").is_file()
+
+
+def test_the_fitted_baselines_stand_beside_the_others(tiny_route: Path, tmp_path: Path) -> None:
+    # FAB-MAP takes from the settings of the networks what it has too.
+    config = {"epochs": 1, "image_size": (32, 32), "held_out_gap": 0, "batch_size": 4, "seed": 3}
+    methods = ["cae", "fabmap", "hog"]
+    route = open_route(tiny_route)
+    with pytest.raises(ConfigError, match="too few for words = 1500"):  # 16 smooth frames of 32×64
+        fit_and_open(route, ["fabmap"], Selection(slice(8, None)), "0:8", tmp_path / "few", settings=config)
+    fit_method(
+        route, build_config(model="fabmap", frames="0:8", seed=3, words=20, smallest_side=256), tmp_path / "words"
+    )
+    methods[1] = str(tmp_path / "words")
+    tested, describers, left_out = fit_and_open(
+        route, methods, Selection(slice(8, None)), "0:8", tmp_path / "out", settings=config
+    )
+    assert {label: one.metric for label, one in describers.items()} == {
+        "cae": "cosine", "words": "place-posterior", "hog": "cosine",
+    }  # fmt: skip
+    comparison = compare_methods(tested, describers, truth=Truth(1), matching=Matching())
+    metrics = comparison.metrics()
+    first = metrics["pairs"][0]["methods"]
+    assert set(first["words"]["new_place"]) == {"mean_probability", "above_half"}
+    assert "new_place" not in first["hog"]
+    assert not comparison.audits  # neither has a z_p and a z_c
+    write_comparison(comparison, tmp_path / "report", title="all", details={})
+    assert (tmp_path / "report" / "report.html").is_file()
+
+    centred = compare_methods(
+        tested, describers, truth=Truth(1), matching=Matching("centre"), left_out={**left_out, "x": "absent"}
+    )
+    assert set(centred.describers) == {"cae", "hog"}
+    assert centred.left_out["x"] == "absent"
+    assert "--standardise centre does not apply to the words of fabmap" in centred.left_out["words"]
+    with pytest.raises(ConfigError, match="--standardise centre does not apply"):
+        compare_methods(tested, {"words": describers["words"]}, truth=Truth(1), matching=Matching("centre"))

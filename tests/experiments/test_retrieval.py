@@ -9,10 +9,16 @@ import numpy as np
 import pytest
 
 from everplace.data.route import open_route
-from everplace.data.selection import Selection
+from everplace.data.selection import Selection, select
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, RouteError
+from everplace.experiments.comparison import compare_methods
+from everplace.experiments.evaluation import evaluate_method, write_evaluation
+from everplace.experiments.fitting import fit_and_open
 from everplace.experiments.retrieval import Matching, Truth, choose_pair, retrieve, true_matches
+from everplace.model.architecture import ConditionVAE
+from everplace.model.checkpoint import save_checkpoint
+from everplace.model.config import ModelConfig
 
 
 def test_a_pair_is_restricted_to_the_places_that_take_part(tiny_route: Path) -> None:
@@ -64,13 +70,13 @@ def test_standardisation_and_sequences_change_the_match(tiny_route: Path) -> Non
     chosen, pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
     truth = true_matches(chosen, pair, Truth())[0]
     plain = retrieve(open_describer("hog"), pair, truth, Matching())
-    centred = retrieve(open_describer("hog"), pair, truth, Matching("centre", 3))
+    centred = retrieve(open_describer("hog"), pair, truth, Matching("centre", 3, "mean"))
     assert np.abs(plain.similarity - centred.similarity).max() > 0.01
     # The first frame of a sequence has no past: its row is that of the centred match alone.
     alone = retrieve(open_describer("hog"), pair, truth, Matching("centre"))
     np.testing.assert_allclose(centred.similarity[0], alone.similarity[0])
     np.testing.assert_allclose(centred.similarity[2, 2], np.mean([alone.similarity[k, k] for k in range(3)]), rtol=1e-5)
-    assert str(Matching("centre", 3)) == "standardised (centre), sequences of 3"
+    assert str(Matching("centre", 3)) == "standardised (centre), sequences of 3 (filter)"
 
 
 def test_descriptors_made_before_are_used_again(tiny_route: Path) -> None:
@@ -83,3 +89,112 @@ def test_descriptors_made_before_are_used_again(tiny_route: Path) -> None:
     assert set(kept) == {"summer", "winter"}
     assert all(described[name] is kept[name] for name in kept)
     np.testing.assert_array_equal(first.similarity, second.similarity)
+
+
+def test_stems_that_are_no_places_tell_no_truth_but_poses_do(tiny_route: Path) -> None:
+    (tiny_route / "route.toml").write_text("aligned = false\n")
+    for traverse in ("summer", "winter"):
+        rows = [f"{place},{10.0 * place},0,0" for place in range(12)]
+        (tiny_route / traverse / "poses.csv").write_text("stem,x,y,heading\n" + "\n".join(rows) + "\n")
+    chosen, pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
+    with pytest.raises(RouteError, match=r"are not aligned, as route.toml says \(aligned = false\), so nobody knows"):
+        true_matches(chosen, pair, Truth())
+    np.testing.assert_array_equal(true_matches(chosen, pair, Truth(radius=1.0))[0], np.eye(12, dtype=bool))
+    chosen, pair = choose_pair(open_route(tiny_route), "winter", "winter", Selection())
+    np.testing.assert_array_equal(true_matches(chosen, pair, Truth(0))[0], np.eye(12, dtype=bool))
+
+
+def rename(directory: Path, prefix: str) -> None:
+    for path in list(directory.glob("*.png")):
+        path.rename(path.with_name(prefix + path.name))
+
+
+def pose(directory: Path, metres: float) -> None:
+    rows = [f"{path.stem},{metres * int(path.stem.lstrip('qd'))},0,0" for path in directory.glob("*.png")]
+    (directory / "poses.csv").write_text("stem,x,y,heading\n" + "\n".join(rows) + "\n")
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_poses_tell_the_same_places_without_shared_stems(tiny_route: Path, same: bool) -> None:
+    """Frames that only one traverse has take part: the route's truth is a radius, and stems mean nothing."""
+    (tiny_route / "winter" / "11.png").unlink()
+    if not same:
+        rename(tiny_route / "winter", "q")
+        rename(tiny_route / "summer", "d")
+    for traverse in ("summer", "winter"):
+        pose(tiny_route / traverse, 10.0)
+    (tiny_route / "route.toml").write_text("radius = 15.0\n")
+    evaluated = evaluate_method(
+        open_route(tiny_route),
+        "hog",
+        query="winter",
+        database="summer",
+        selection=Selection(),
+        truth=Truth(),
+        matching=Matching(),
+    )
+    scores = evaluated.result.scores
+    assert (scores.queries, scores.database, scores.queries_with_match) == (11, 12, 11)
+    expected = np.abs(np.arange(11)[:, None] - np.arange(12)) <= 1
+    np.testing.assert_array_equal(evaluated.result.truth, expected)
+    assert evaluated.metrics()["radius"] == 15.0
+    assert scores.recall_at["1"] > 0.5
+
+
+def test_pairs_are_the_truth_of_the_route_until_an_option_says_otherwise(tiny_route: Path) -> None:
+    rename(tiny_route / "winter", "q")
+    pairs = "".join(f"winter,q{place},summer,{place}\n" for place in range(10))
+    (tiny_route / "truth.csv").write_text("query_traverse,query,database_traverse,database\n" + pairs)
+    (tiny_route / "route.toml").write_text('truth = "truth.csv"\n')
+    chosen, pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection(slice(2, None)))
+    matches, truth = true_matches(chosen, pair, Truth())
+    assert truth == Truth(pairs="truth.csv")
+    np.testing.assert_array_equal(matches, np.diag([True] * 8 + [False] * 2))
+    with pytest.raises(RouteError, match="share no stem"):
+        true_matches(chosen, pair, Truth(tolerance=1))
+
+
+def test_a_comparison_uses_the_pairs_in_both_directions(tiny_route: Path, tmp_path: Path) -> None:
+    rename(tiny_route / "winter", "q")
+    pairs = "".join(f"winter,q{place},summer,{place}\n" for place in range(12))
+    (tiny_route / "truth.csv").write_text("query_traverse,query,database_traverse,database\n" + pairs)
+    (tiny_route / "route.toml").write_text('truth = "truth.csv"\n')
+    tested, describers, _ = fit_and_open(
+        open_route(tiny_route), ["hog"], Selection(), "", tmp_path / "out", settings={}
+    )
+    metrics = compare_methods(tested, describers, truth=Truth(), matching=Matching()).metrics()
+    assert metrics["truth"] == "truth.csv"
+    assert [pair["methods"]["hog"]["queries_with_match"] for pair in metrics["pairs"]] == [12, 12]
+
+
+def test_a_filter_acts_on_each_traverse_alone_where_stems_do_not_count(tiny_route: Path) -> None:
+    (tiny_route / "winter" / "3.png").unlink()
+    route = open_route(tiny_route)
+    shared = select(route, Selection(slice(2, 5)))
+    assert [traverse.stems for traverse in shared.traverses] == [("2", "4", "5")] * 2
+    alone = select(route, Selection(slice(2, 5)), only_shared=False)
+    assert [traverse.stems for traverse in alone.traverses] == [("2", "3", "4"), ("2", "4", "5")]
+
+
+def test_the_audit_looks_at_shared_places_where_the_scores_do_not_need_them(tiny_route: Path, tmp_path: Path) -> None:
+    (tiny_route / "winter" / "3.png").unlink()
+    (tiny_route / "summer" / "0.png").unlink()
+    for traverse in ("summer", "winter"):
+        pose(tiny_route / traverse, 10.0)
+    (tiny_route / "route.toml").write_text("radius = 15.0\n")
+    config = ModelConfig(kind="c-vae", height=32, width=64, channels=1, conditions=("summer", "winter"), places=0)
+    save_checkpoint(tmp_path / "run", ConditionVAE(config), {"recipe": "faithful"})
+    (tmp_path / "run" / "config.toml").touch()
+    evaluated = evaluate_method(
+        open_route(tiny_route),
+        str(tmp_path / "run"),
+        query="winter",
+        database="summer",
+        selection=Selection(),
+        truth=Truth(),
+        matching=Matching(),
+    )
+    assert (evaluated.result.scores.queries, evaluated.result.scores.database) == (11, 11)
+    assert evaluated.audit is not None
+    write_evaluation(evaluated, tmp_path / "out", details={})
+    assert (tmp_path / "out" / "swap.png").is_file()

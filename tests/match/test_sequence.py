@@ -1,4 +1,4 @@
-"""Sequence averaging against the formula in plain Python."""
+"""Sequence averaging against the formula in plain Python, and the choice of the search."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from everplace.errors import ConfigError
-from everplace.match.sequence import average_sequences
+from everplace.match.route_filter import filter_windows
+from everplace.match.seqslam import seqslam
+from everplace.match.sequence import SEQUENCE_METHODS, SequenceMethod, average_sequences, search_sequences
 
 
 def slow(S: NDArray[np.float64], length: int) -> NDArray[np.float64]:
@@ -56,3 +58,24 @@ def test_integers_are_averaged_as_numbers() -> None:
 def test_a_length_below_1_is_refused(length: int) -> None:
     with pytest.raises(ConfigError, match=f"--sequence {length} "):
         average_sequences(np.ones((2, 2)), length)
+
+
+def test_the_method_chooses_the_search() -> None:
+    S = np.random.default_rng(9).random((6, 7)).astype(np.float32)
+    np.testing.assert_array_equal(search_sequences(S, 3, "mean"), average_sequences(S, 3))
+    np.testing.assert_array_equal(search_sequences(S, 3, "seqslam"), seqslam(S, 3))
+    np.testing.assert_array_equal(search_sequences(S, 3, "filter"), filter_windows(S, 3))
+    np.testing.assert_array_equal(search_sequences(S, 3), filter_windows(S, 3))
+
+
+@pytest.mark.parametrize("method", SEQUENCE_METHODS)
+def test_one_frame_is_no_sequence(method: SequenceMethod) -> None:
+    S = np.random.default_rng(10).random((4, 5)).astype(np.float32)
+    found = search_sequences(S, 1, method)
+    np.testing.assert_array_equal(found, S)
+    assert found is not S
+
+
+def test_an_unknown_method_is_refused() -> None:
+    with pytest.raises(ConfigError, match="--sequence-method dtw is not known; choose filter, seqslam, mean"):
+        search_sequences(np.ones((2, 2)), 2, "dtw")  # type: ignore[arg-type]

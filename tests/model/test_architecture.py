@@ -6,7 +6,15 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from everplace.model.architecture import ConditionVAE, Encoder, PlaceHead, feature_map, hidden_widths
+from everplace.model.architecture import (
+    ConditionVAE,
+    Encoder,
+    InstanceBatchNorm2d,
+    PlaceHead,
+    feature_map,
+    hidden_widths,
+    strides,
+)
 from everplace.model.config import MODEL_KINDS, ModelConfig, ModelKind
 
 CONDITIONS = ("summer", "winter")
@@ -47,6 +55,7 @@ def shapes_of(layers: list[nn.Module], network: nn.Module, inputs: Tensor) -> li
 def test_encoder_is_table_1_layer_by_layer() -> None:
     with torch.device("meta"):
         encoder = Encoder(ModelConfig(kind="vae")).eval()
+        assert encoder.z_log_variance is not None
         layers: list[nn.Module] = [
             *encoder.convolutions,
             *encoder.fully_connected,
@@ -102,14 +111,41 @@ def test_a_32_by_64_image_keeps_a_4_by_8_map_and_starts_the_chain_at_2048() -> N
         shapes = shapes_of([*encoder.convolutions, *encoder.fully_connected], encoder, torch.empty(1, 1, 32, 64))
     assert shapes == [
         (32, 16, 32),
+        (64, 16, 32),
         (64, 8, 16),
-        (64, 4, 8),
-        (128, 4, 8),
+        (128, 8, 16),
         (128, 4, 8),
         (2048,),
         (1024,),
         (512,),
     ]
+
+
+@pytest.mark.parametrize(
+    ("size", "expected"),
+    [((32, 64), (2, 1, 2, 1, 2)), ((64, 64), (2, 1, 2, 2, 2)), ((128, 256), (2, 2, 2, 2, 2))],
+)
+def test_layers_at_full_size_stand_between_the_halvings(size: tuple[int, int], expected: tuple[int, ...]) -> None:
+    assert strides(*size) == expected
+
+
+def test_half_of_the_channels_forget_brightness_and_contrast_and_half_keep_them() -> None:
+    layer = InstanceBatchNorm2d(6).eval()
+    images = torch.rand(4, 6, 8, 8, generator=torch.Generator().manual_seed(1))
+    with torch.no_grad():
+        plain, changed = layer(images), layer(0.5 * images + 0.3)
+    torch.testing.assert_close(changed[:, :3], plain[:, :3], atol=1e-3, rtol=0.0)
+    assert (changed[:, 3:] - plain[:, 3:]).abs().mean() > 0.1
+    alone = torch.cat([layer(image[None]) for image in images])
+    torch.testing.assert_close(alone, plain)
+
+
+def test_the_chain_starts_from_orthogonal_matrices() -> None:
+    model = small_model("vae")
+    model.initialise()
+    for layer in (*model.encoder.fully_connected.modules(), model.encoder.z_mean):
+        if isinstance(layer, nn.Linear):
+            torch.testing.assert_close(layer.weight @ layer.weight.T, torch.eye(layer.out_features), atol=1e-4, rtol=0)
 
 
 @pytest.mark.parametrize("channels", [1, 3])
@@ -132,14 +168,33 @@ def test_each_kind_owns_the_heads_of_its_equation(kind: ModelKind) -> None:
     model = small_model(kind)
     output = model(*small_batch())
     names = {name.split(".")[0] for name, _ in model.named_parameters()}
-    heads = {"vae": set(), "c-vae": {"condition_head"}, "cp-vae": {"condition_head", "place_head"}}[kind]
+    heads = {"vae": set(), "cae": set(), "c-vae": {"condition_head"}, "cp-vae": {"condition_head", "place_head"}}[kind]
     assert names == {"encoder", "decoder"} | heads
-    assert (output.condition_logits is None) == (kind == "vae")
+    assert (output.condition_logits is None) == (kind in ("vae", "cae"))
     assert (output.place_logits is None) == (kind != "cp-vae")
     if output.condition_logits is not None:
         assert output.condition_logits.shape == (4, 2)
     if output.place_logits is not None:
         assert output.place_logits.shape == (4, 5)
+
+
+def test_a_plain_autoencoder_decodes_its_code_whatever_the_noise() -> None:
+    model = small_model("cae")
+    images, noise = small_batch()
+    one, other = model(images, noise), model(images, torch.zeros_like(noise))
+    assert torch.equal(one.reconstruction, other.reconstruction)
+    assert torch.equal(one.z, one.posterior.mean)
+    assert torch.equal(model.descriptor(images), one.z)
+    assert one.z.shape == (4, 128)
+    assert "encoder.z_log_variance.weight" not in model.state_dict()
+    with pytest.raises(ValueError, match="no KL divergence"):
+        one.posterior.kl()
+
+
+def test_a_plain_autoencoder_is_the_vae_without_its_variance() -> None:
+    vae, cae = (small_model(kind).state_dict() for kind in ("vae", "cae"))
+    assert set(vae) - set(cae) == {"encoder.z_log_variance.weight", "encoder.z_log_variance.bias"}
+    assert all(vae[name].shape == value.shape for name, value in cae.items())
 
 
 def test_place_head_sees_only_z_p_and_condition_head_only_z_c() -> None:

@@ -98,6 +98,7 @@ def test_bound_is_the_integrated_log_likelihood_less_the_divergence_of_q(
     kind: str, tiny: tuple[ConditionVAE, Posterior, Tensor, Terms]
 ) -> None:
     _, posterior, z, terms = tiny
+    assert posterior.log_variance is not None
     cell = 0.25**2
     log_prior = Normal(0.0, 1.0).log_prob(z).sum(1)  # type: ignore[no-untyped-call]
     log_q = Normal(posterior.mean, torch.exp(0.5 * posterior.log_variance)).log_prob(z).sum(1)  # type: ignore[no-untyped-call]

@@ -25,7 +25,7 @@ def test_defaults_are_the_papers() -> None:
         ({"kind": "vae", "channels": 2}, "1 or 3"),
         ({"kind": "c-vae", "conditions": ("summer",)}, "c-vae needs at least two conditions"),
         ({"kind": "cp-vae", "conditions": ("a", "b"), "places": 1}, "cp-vae needs at least two places"),
-        ({"kind": "d-vae"}, "'vae', 'c-vae' or 'cp-vae'"),
+        ({"kind": "d-vae"}, "'vae', 'c-vae', 'cp-vae' or 'cae'"),
         ({"kind": "vae", "latent": 4}, "Extra inputs"),
     ],
 )

@@ -30,10 +30,17 @@ from everplace.training.config import CONFIG_FILE, TrainConfig, read_toml, recip
         ({"cls": 1}, "cls: .*; known are model"),
         ({"epochs": 0}, "epochs: "),
         ({"seed": -1}, "seed: "),
-        ({"model": "gan"}, "model: .*'vae', 'c-vae' or 'cp-vae'"),
+        ({"model": "gan"}, "model: .*'vae', 'c-vae', 'cp-vae' or 'cae'"),
         ({"epochs": 3, "minutes": 1}, "give exactly one of epochs and minutes"),
         ({"epochs": None}, "give exactly one of epochs and minutes"),
-        ({"recipe": "worst"}, "--recipe 'worst' does not exist; choose faithful"),
+        ({"recipe": "worst"}, "--recipe 'worst' does not exist; choose faithful or best"),
+        ({"recipe": "best"}, "--recipe best is a recipe of cp-vae, not of vae"),
+        ({"remedies": {"adversary": 1}}, r"remedies\.adversary: .*; known are contrastive, temperature"),
+        ({"remedies": {"contrastive": 1}}, "remedies.contrastive needs place labels"),
+        (
+            {"model": "cp-vae", "remedies": {"contrastive": 1, "virtual": {"join": 0.5}}},
+            "remedies.virtual makes places without a class; set weights.place to 0",
+        ),
     ],
 )
 def test_a_wrong_value_is_named(values: dict[str, Any], message: str) -> None:
@@ -88,3 +95,10 @@ def test_a_config_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     path.write_text("a = " + "[" * 100_000)
     with pytest.raises(ConfigError, match=r"mine\.toml is (nested too deeply|not TOML)"):
         read_toml(path)
+
+
+def test_a_faithful_run_has_no_remedy_and_the_best_names_its_own() -> None:
+    assert TrainConfig.build(model="cp-vae", epochs=1).remedies_in_use() == []
+    named = " ".join(TrainConfig.build(model="cp-vae", recipe="best", epochs=1).remedies_in_use())
+    for remedy in ("contrastive term", "virtual places", "no place classes", "no fully connected chain"):
+        assert remedy in named

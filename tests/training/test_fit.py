@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,11 +16,14 @@ import torch
 from PIL import Image
 
 from everplace.data.route import Route, open_route
+from everplace.describe.protocol import FittedDescriber, ProbabilisticDescriber
+from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, DivergedError, EverplaceError, RouteError
 from everplace.model.bounds import Weights
 from everplace.model.checkpoint import load_checkpoint
+from everplace.model.images import to_input
 from everplace.training import fit
-from everplace.training.callbacks import CollapseWarning
+from everplace.training.callbacks import CollapseWarning, RunKeeper
 from everplace.training.config import TrainConfig
 from everplace.training.fit import TrainSummary, bf16_is_fast, train
 from everplace.training.frames import fingerprint, split_route
@@ -69,6 +73,7 @@ def test_a_run_leaves_checkpoint_configuration_and_metrics(
     checkpoint = load_checkpoint(out)
     assert checkpoint.about == {
         "recipe": "faithful",
+        "remedies": "",
         "seed": 0,
         "epoch": summary.best_epoch,
         "criterion": "held_out_recall_at_1",
@@ -86,6 +91,28 @@ def test_a_run_leaves_checkpoint_configuration_and_metrics(
     )
     assert measured["held_out_bound"] == pytest.approx(metrics["held_out_bound"][row], rel=1e-4)
     assert not [path.name for path in out.rglob("*") if ".part" in path.name]
+
+
+def test_a_plain_autoencoder_is_trained_chosen_and_described_by_the_same_machinery(
+    route: Route, make_config: MakeConfig, tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    config = make_config(model="cae", epochs=3, warmup_epochs=0.0)
+    train(route, config, tmp_path / "cae")
+    assert not [one for one in recwarn if issubclass(one.category, CollapseWarning)]
+    metrics = read_metrics(tmp_path / "cae")
+    assert metrics["bound"][2] > metrics["bound"][0]
+    assert np.isnan(metrics["kl_place"]).all()
+    assert np.isfinite(metrics["held_out_recall_at_1"]).all()
+    describer = open_describer(str(tmp_path / "cae"))
+    assert (describer.method, describer.dimension, describer.metric) == ("cae", 128, "cosine")
+    assert not isinstance(describer, ProbabilisticDescriber)
+    assert isinstance(describer, FittedDescriber)
+    assert describer.seen_stems == {str(place) for place in (*range(8), 10, 11)}
+    images = np.random.default_rng(0).integers(0, 256, (3, 32, 32, 3), dtype=np.uint8)
+    model = load_checkpoint(tmp_path / "cae").model
+    with torch.no_grad():
+        expected = model.descriptor(to_input(torch.from_numpy(images))).numpy()
+    np.testing.assert_allclose(describer.describe(images), expected, atol=1e-6)
 
 
 def test_resuming_a_finished_run_returns_at_once_with_the_same_summary(
@@ -113,6 +140,45 @@ def test_the_same_seed_gives_the_same_weights_and_leaves_random_numbers_alone(
     assert torch.equal(torch.random.get_rng_state(), state)
     first, again = (load_checkpoint(where).model.state_dict() for where in (out, tmp_path / "again"))
     assert all(torch.equal(first[name], again[name]) for name in first)
+
+
+def test_the_best_recipe_is_trained_named_and_resumed_to_the_same_weights(
+    route: Route, make_config: MakeConfig, tmp_path: Path
+) -> None:
+    config = make_config(recipe="best", epochs=2)
+    summary = train(route, config, tmp_path / "whole", save_every=0)
+    metrics = read_metrics(tmp_path / "whole")
+    assert (metrics["contrastive"] < 0).all()
+    assert np.isnan(metrics["place"]).all()
+    checkpoint = load_checkpoint(tmp_path / "whole")
+    assert "contrastive term" in str(checkpoint.about["remedies"])
+    assert checkpoint.model.place_head is None
+    assert not list(checkpoint.model.encoder.fully_connected)
+    assert summary.frames == 16
+    # Stopped after the first epoch and gone on with.
+    stopped = tmp_path / "stopped"
+
+    class StopError(Exception):
+        pass
+
+    def stop(done: int) -> None:
+        if done:
+            raise StopError
+
+    keep = RunKeeper.on_train_epoch_end
+    with pytest.MonkeyPatch.context() as patch:
+
+        def end_early(self: RunKeeper, trainer: Any, module: Any) -> None:
+            keep(self, trainer, module)
+            stop(self.progress.epoch)
+
+        patch.setattr(RunKeeper, "on_train_epoch_end", end_early)
+        with pytest.raises(StopError):
+            train(route, config, stopped, save_every=0)
+    train(route, config, stopped, resume=True, save_every=0)
+    again = load_checkpoint(stopped).model.state_dict()
+    for name, value in checkpoint.model.state_dict().items():
+        assert torch.equal(value, again[name]), name
 
 
 def test_nothing_is_printed_on_stdout(
@@ -151,9 +217,11 @@ def test_what_cannot_be_trained_is_one_clear_error_and_makes_no_directory(
     route: Route, make_config: MakeConfig, tmp_path: Path
 ) -> None:
     apart = apart_route(tmp_path / "apart")
+    denied = replace(route, stems_are_places=False)
     refused: list[tuple[Route, TrainConfig, int, type[EverplaceError], str]] = [
         (route, make_config(model="c-vae", conditions=("day",)), 1, ConfigError, "c-vae needs at least two conditions"),
         (apart, make_config(held_out_gap=0), 1, RouteError, "share no stem, and cp-vae learns from the same places"),
+        (denied, make_config(held_out_gap=0), 1, RouteError, "are not aligned, as route.toml says"),
         (route, make_config(held_out_gap=10), 1, RouteError, "12 frames to train on, too few"),
         (route, make_config(conditions=("dusk",)), 1, RouteError, "'dusk'"),
         (route, make_config(frames="5:1"), 1, ConfigError, "5:1"),
@@ -210,7 +278,14 @@ def test_a_block_that_collapses_is_warned_of_once(
 ) -> None:
     weights = {"beta_place": 1e9, "beta_condition": 0.0, "place": 0.0}
     config = make_config(
-        model=model, weights=weights, warmup_epochs=0.0, epochs=8, batch_size=4, validate_every=8, learning_rate=2e-3
+        model=model,
+        weights=weights,
+        warmup_epochs=0.0,
+        epochs=16,
+        batch_size=4,
+        validate_every=16,
+        learning_rate=1e-2,
+        fully_connected_rate=1.0,
     )
     with pytest.warns(CollapseWarning) as caught:
         train(route, config, tmp_path / "run")

@@ -20,6 +20,7 @@ from everplace.cli.options import (
     RouteArgument,
     Seed,
     Sequence,
+    SequenceSearch,
     Standardise,
     Tolerance,
 )  # fmt: skip
@@ -38,13 +39,15 @@ def compare(
     methods: Annotated[
         str,
         typer.Option(
-            "--methods", metavar="A,B,...", help="Run directories, sad, hog, ..., or vae, c-vae, cp-vae to fit."
+            "--methods",
+            metavar="A,B,...",
+            help="Run directories, sad, hog, ..., or vae, c-vae, cp-vae, cae, fabmap to fit.",
         ),
     ],
     out: OutDirectory,
     frames: Frames = "",
     fit_frames: Annotated[
-        str, typer.Option("--fit-frames", metavar="A:B", help="Places to fit vae, c-vae and cp-vae on.")
+        str, typer.Option("--fit-frames", metavar="A:B", help="Places to fit methods on that must be fitted.")
     ] = "",
     conditions: Annotated[
         str, typer.Option("--conditions", metavar="A,B", help="Traverses or conditions to compare between [all].")
@@ -55,6 +58,7 @@ def compare(
     drop_stationary: DropStationary = False,
     standardise: Standardise = None,
     sequence: Sequence = 1,
+    sequence_method: SequenceSearch = "filter",
     image_size: ImageSize = None,
     grey: Grey = False,
     epochs: Epochs = None,
@@ -67,6 +71,7 @@ def compare(
     Example: everplace compare my-route --methods cp-vae,sad,hog --fit-frames 0:800 --frames 820: --out result
     """
     how = one_of(standardise, "--standardise", ("centre", "full"))
+    search = one_of(sequence_method, "--sequence-method", ("filter", "seqslam", "mean"))
     require_directory(out)
     from everplace.data.route import open_route
     from everplace.data.selection import Selection, parse_frames
@@ -93,8 +98,6 @@ def compare(
         settings={key: value for key, value in settings.items() if value is not None},
         progress=show_progress(),
     )
-    for method, reason in left_out.items():
-        warn(f"{method} is left out: {reason}")
     for label, describer in describers.items():
         if seen := seen_places(describer, tested):
             warn(f"{seen} of the tested places carry the names of places that {label} was trained on or chosen by")
@@ -102,10 +105,12 @@ def compare(
         tested,
         describers,
         truth=Truth(tolerance, radius),
-        matching=Matching(how, sequence),
+        matching=Matching(how, sequence, search),
         left_out=left_out,
         progress=show_progress(),
     )
+    for method, reason in comparison.left_out.items():
+        warn(f"{method} is left out: {reason}")
     write_comparison(comparison, out, title=f"Comparison on {opened.name}", details=provenance())
     if as_json:
         show_result(comparison.metrics(), as_json=True)

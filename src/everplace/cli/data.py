@@ -7,6 +7,7 @@ from typing import Annotated, Any, Optional
 
 import typer
 
+from everplace.cli import data_align, data_fetch, data_import, data_inspect
 from everplace.cli.options import Grey, ImageSize, Json, OutDirectory, RouteArgument
 from everplace.cli.output import show_progress, show_result
 
@@ -15,10 +16,13 @@ __all__ = ["register"]
 
 def register(app: typer.Typer) -> None:
     """Adds the sub-commands."""
-    data = typer.Typer(help="Render, look at and pack routes.", no_args_is_help=True)
+    data = typer.Typer(help="Fetch, import, render, look at and pack routes.", no_args_is_help=True)
     data.command("render")(render)
-    data.command("inspect")(inspect)
     data.command("pack")(pack)
+    data_fetch.register(data)
+    data_import.register(data)
+    data_align.register(data)
+    data_inspect.register(data)
     app.add_typer(data, name="data")
 
 
@@ -49,37 +53,6 @@ def render(
     config = render_config(given)
     render_route(out, config, progress=show_progress(), workers=usable_cores())
     show_result({"route": str(out), "traverses": list(config.conditions), "places": config.places}, as_json)
-
-
-def inspect(
-    route: RouteArgument,
-    as_json: Json = False,
-) -> None:
-    """Say what a route holds: traverses, conditions, frames, shared places.
-
-    Example: everplace data inspect my-route
-    """
-    from everplace.data.route import open_route
-
-    opened = open_route(route)
-    traverses = {
-        traverse.name: {
-            "condition": traverse.condition,
-            "frames": len(traverse),
-            "poses": traverse.poses is not None,
-        }
-        for traverse in opened.traverses
-    }
-    show_result(
-        {
-            "route": str(route),
-            "shared_places": len(opened.shared_stems()),
-            "tolerance": opened.tolerance,
-            "radius": opened.radius,
-            "traverses": traverses,
-        },
-        as_json,
-    )
 
 
 def pack(

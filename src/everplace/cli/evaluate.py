@@ -17,6 +17,7 @@ from everplace.cli.options import (
     Radius,
     RouteArgument,
     Sequence,
+    SequenceSearch,
     Standardise,
     Tolerance,
 )  # fmt: skip
@@ -43,6 +44,7 @@ def evaluate(
     drop_stationary: DropStationary = False,
     standardise: Standardise = None,
     sequence: Sequence = 1,
+    sequence_method: SequenceSearch = "filter",
     as_json: Json = False,
 ) -> None:
     """Score a method between two conditions; DIR gets metrics.json, pictures and report.html.
@@ -50,6 +52,7 @@ def evaluate(
     Example: everplace evaluate my-route --method hog --database summer --query winter --frames 1620: --out result
     """
     how = one_of(standardise, "--standardise", ("centre", "full"))
+    search = one_of(sequence_method, "--sequence-method", ("filter", "seqslam", "mean"))
     require_directory(out)
     from everplace.data.route import open_route
     from everplace.data.selection import Selection, parse_frames
@@ -63,7 +66,7 @@ def evaluate(
         database=database,
         selection=Selection(parse_frames(frames) if frames else None, drop_dark, drop_stationary),
         truth=Truth(tolerance, radius),
-        matching=Matching(how, sequence),
+        matching=Matching(how, sequence, search),
         progress=show_progress(),
     )
     if evaluation.trained_places:

@@ -10,7 +10,7 @@ import typer
 __all__ = [
     "Database",
     "DropDark", "DropStationary", "Epochs", "Frames", "Grey", "ImageSize", "Json", "Minutes", "OutDirectory",
-    "OutFile", "Query", "Radius", "RouteArgument", "Seed", "Sequence", "Standardise", "Tolerance",
+    "OutFile", "Query", "Radius", "RouteArgument", "Seed", "Sequence", "SequenceSearch", "Standardise", "Tolerance",
 ]  # fmt: skip
 
 RouteArgument = Annotated[Path, typer.Argument(metavar="ROUTE", help="Directory with one sub-directory a traverse.")]
@@ -50,5 +50,13 @@ Standardise = Annotated[
     ),
 ]
 Sequence = Annotated[
-    int, typer.Option("--sequence", min=1, metavar="L", help="Average the similarity over the last L frames.")
+    int, typer.Option("--sequence", min=1, metavar="L", help="Score places by the last L frames, not by one.")
+]
+SequenceSearch = Annotated[
+    str,
+    typer.Option(
+        "--sequence-method",
+        metavar="filter|seqslam|mean",
+        help="How --sequence does it: filter follows any motion, mean the map's own speed.",
+    ),
 ]

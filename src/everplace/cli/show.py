@@ -18,6 +18,7 @@ from everplace.cli.options import (
     Radius,
     RouteArgument,
     Sequence,
+    SequenceSearch,
     Standardise,
     Tolerance,
 )  # fmt: skip
@@ -113,6 +114,7 @@ def matrix(
     drop_stationary: DropStationary = False,
     standardise: Standardise = None,
     sequence: Sequence = 1,
+    sequence_method: SequenceSearch = "filter",
     as_json: Json = False,
 ) -> None:
     """Draw the similarity matrix with its truth and the best matches.
@@ -121,7 +123,7 @@ def matrix(
     """
     _evaluated(
         "matrix", route, method, database, query, out, frames, tolerance, radius, drop_dark, drop_stationary,
-        standardise, sequence, as_json,
+        standardise, sequence, sequence_method, as_json,
     )  # fmt: skip
 
 
@@ -138,6 +140,7 @@ def matches(
     drop_stationary: DropStationary = False,
     standardise: Standardise = None,
     sequence: Sequence = 1,
+    sequence_method: SequenceSearch = "filter",
     as_json: Json = False,
 ) -> None:
     """Draw a gallery of right and wrong matches.
@@ -146,7 +149,7 @@ def matches(
     """
     _evaluated(
         "matches", route, method, database, query, out, frames, tolerance, radius, drop_dark, drop_stationary,
-        standardise, sequence, as_json,
+        standardise, sequence, sequence_method, as_json,
     )  # fmt: skip
 
 
@@ -164,10 +167,12 @@ def _evaluated(
     drop_stationary: bool,
     standardise: str | None,
     sequence: int,
+    sequence_method: str,
     as_json: bool,
 ) -> None:
     require_file(out, _PICTURES)
     how = one_of(standardise, "--standardise", ("centre", "full"))
+    search = one_of(sequence_method, "--sequence-method", ("filter", "seqslam", "mean"))
     from everplace.data.route import open_route
     from everplace.data.selection import Selection, parse_frames
     from everplace.describe.registry import open_describer
@@ -180,7 +185,7 @@ def _evaluated(
     selection = Selection(parse_frames(frames) if frames else None, drop_dark, drop_stationary)
     chosen, pair = choose_pair(open_route(route), query, database, selection, progress)
     truth, _ = true_matches(chosen, pair, Truth(tolerance, radius))
-    result = retrieve(describer, pair, truth, Matching(how, sequence), progress=progress)
+    result = retrieve(describer, pair, truth, Matching(how, sequence, search), progress=progress)
     draw = matrix_figure if what == "matrix" else match_figure
     save_figure(draw(pair, result, title=result.method), out)
     show_result({"out": str(out)}, as_json)

@@ -33,7 +33,7 @@ def register(app: typer.Typer) -> None:
 
 def train(
     route: RouteArgument,
-    model: Annotated[str, typer.Option("--model", metavar="vae|c-vae|cp-vae", help="Which model to train.")],
+    model: Annotated[str, typer.Option("--model", metavar="vae|c-vae|cp-vae|cae|fabmap", help="Which method to fit.")],
     out: OutDirectory,
     conditions: Annotated[
         str, typer.Option("--conditions", metavar="A,B", help="Traverses or conditions to train on [all].")
@@ -46,7 +46,9 @@ def train(
     epochs: Epochs = None,
     minutes: Minutes = None,
     seed: Seed = None,
-    recipe: Annotated[str, typer.Option("--recipe", help="faithful: the paper's bound alone.")] = "",
+    recipe: Annotated[
+        str, typer.Option("--recipe", help="faithful: the paper's bound alone; best: CP-VAE with remedies.")
+    ] = "",
     config: Annotated[
         Optional[Path],  # noqa: UP045
         typer.Option("--config", metavar="FILE.toml", help="Settings; options given beside it count more."),
@@ -59,14 +61,14 @@ def train(
     ] = 60.0,
     as_json: Json = False,
 ) -> None:
-    """Train a model on a route; RUN gets the checkpoint, config.toml and metrics.csv.
+    """Fit a method on a route; RUN gets the checkpoint, config.toml and (of a network) metrics.csv.
 
     Example: everplace train my-route --model cp-vae --image-size 224 224 --epochs 40 --out runs/cp-vae
     """
-    from everplace.model.config import MODEL_KINDS
-    from everplace.training.config import DEFAULT_EPOCHS, TrainConfig, read_toml
+    from everplace.training.config import read_toml
+    from everplace.training.methods import FITTED_METHODS, build_config, fit_method
 
-    one_of(model, "--model", MODEL_KINDS)
+    one_of(model, "--model", FITTED_METHODS)
     given: dict[str, Any] = {
         "conditions": tuple(name for name in conditions.split(",") if name) or None,
         "frames": frames or None,
@@ -85,16 +87,13 @@ def train(
         values.pop("minutes", None)
     if minutes is not None and epochs is None:
         values.pop("epochs", None)
-    if "epochs" not in values and "minutes" not in values:
-        values["epochs"] = DEFAULT_EPOCHS
-    checked = TrainConfig.build(**values)
+    checked = build_config(**values)
 
     from everplace.data.route import open_route
-    from everplace.training.fit import train as run_training
     from everplace.training.run_directory import leads
 
     require_directory(out)
-    summary = run_training(
+    summary = fit_method(
         open_route(route),
         checked,
         out,

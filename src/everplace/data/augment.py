@@ -50,7 +50,7 @@ def augmentation_rng(seed: int, epoch: int, index: int) -> np.random.Generator:
 def augment(image: NDArray[np.uint8], augmentation: Augmentation, rng: np.random.Generator) -> NDArray[np.uint8]:
     """Returns a changed copy of an image.
 
-    Shifts are whole pixels (a fraction would blur). What comes in from outside mirrors the border.
+    What comes in from outside mirrors the border.
 
     Args:
         image: H×W×C uint8, C = 1 or 3; left as it is.
@@ -67,8 +67,8 @@ def augment(image: NDArray[np.uint8], augmentation: Augmentation, rng: np.random
         kept = 1.0 - augmentation.crop * cut
         # Maps each pixel of the result to one of the source (WARP_INVERSE_MAP); the half pixels keep centres
         # centred.
-        x = (1.0 - kept) * left * width + 0.5 * kept - 0.5 - _whole_shift(augmentation.shift * width, right)
-        y = (1.0 - kept) * top * height + 0.5 * kept - 0.5 - _whole_shift(augmentation.shift * height, down)
+        x = (1.0 - kept) * left * width + 0.5 * kept - 0.5 - augmentation.shift * width * (2.0 * right - 1.0)
+        y = (1.0 - kept) * top * height + 0.5 * kept - 0.5 - augmentation.shift * height * (2.0 * down - 1.0)
         warped = cv2.warpAffine(
             result,
             np.array([[kept, 0.0, x], [0.0, kept, y]]),
@@ -85,9 +85,3 @@ def augment(image: NDArray[np.uint8], augmentation: Augmentation, rng: np.random
     if augmentation.blur:
         result = np.asarray(cv2.GaussianBlur(result, (0, 0), max(augmentation.blur * sigma, 1e-3)), dtype=np.uint8)
     return image.copy() if result is image else result.reshape(image.shape)
-
-
-def _whole_shift(largest: float, draw: float) -> int:
-    """Turns a number in [0, 1) into whole pixels, all from -largest to largest equally likely."""
-    pixels = int(largest)
-    return int(draw * (2 * pixels + 1)) - pixels

@@ -24,7 +24,7 @@ from PIL.WebPImagePlugin import WebPImageFile
 
 from everplace.errors import ImageError
 
-__all__ = ["MAX_PIXELS", "decode_bytes"]
+__all__ = ["MAX_PIXELS", "decode_bytes", "image_size"]
 
 MAX_PIXELS = 2**26
 """Largest picture that is decoded: 8192×8192 pixels; checked in the header, before memory is taken."""
@@ -49,6 +49,7 @@ _READERS: tuple[tuple[bytes, type[ImageFile.ImageFile]], ...] = (
     (b"P6", PpmImageFile),
 )
 _ORIENTATION_TAG = 0x0112
+_ON_ITS_SIDE = frozenset({5, 6, 7, 8})
 
 
 def decode_bytes(name: str, data: bytes, target: tuple[int, int] | None, *, grey: bool) -> NDArray[np.uint8]:
@@ -68,11 +69,7 @@ def decode_bytes(name: str, data: bytes, target: tuple[int, int] | None, *, grey
         OSError, EOFError, SyntaxError, ValueError, TypeError, LookupError, OverflowError, struct.error: What
             Pillow's readers raise on broken bytes.
     """
-    reader = next((reader for start, reader in _READERS if data.startswith(start)), None)
-    if reader is None:
-        raise ImageError(
-            f"{name} is not an image of a known format; convert it to PNG or JPEG, or move it out of the route"
-        )
+    reader = _find_reader(name, data)
     if reader is PngImageFile:
         _check_png(data)
     with reader(io.BytesIO(data)) as image:
@@ -88,6 +85,27 @@ def decode_bytes(name: str, data: bytes, target: tuple[int, int] | None, *, grey
         plain = _to_8_bit(name, image).convert("L" if grey else "RGB")
         pixels = np.array(plain).reshape(plain.height, plain.width, 1 if grey else 3)
     return np.ascontiguousarray(_turn(pixels, orientation))
+
+
+def image_size(name: str, data: bytes) -> tuple[int, int]:
+    """Returns the (H, W) of the upright picture, as its header says; errors as `decode_bytes`."""
+    with _find_reader(name, data)(io.BytesIO(data)) as image:
+        on_its_side = image.getexif().get(_ORIENTATION_TAG, 1) in _ON_ITS_SIDE
+        return (image.width, image.height) if on_its_side else (image.height, image.width)
+
+
+def _find_reader(name: str, data: bytes) -> type[ImageFile.ImageFile]:
+    """Returns what reads files that begin like this one.
+
+    Raises:
+        ImageError: Nothing does.
+    """
+    reader = next((reader for start, reader in _READERS if data.startswith(start)), None)
+    if reader is None:
+        raise ImageError(
+            f"{name} is not an image of a known format; convert it to PNG or JPEG, or move it out of the route"
+        )
+    return reader
 
 
 def _check_png(data: bytes) -> None:
@@ -107,7 +125,7 @@ def _reduce_jpeg(image: JpegImageFile, target: tuple[int, int] | None, grey: boo
     """Tells the JPEG decoder to give fewer pixels, and only luma, where that is enough."""
     size = None
     if target is not None:
-        on_its_side = image.getexif().get(_ORIENTATION_TAG, 1) in {5, 6, 7, 8}
+        on_its_side = image.getexif().get(_ORIENTATION_TAG, 1) in _ON_ITS_SIDE
         size = target if on_its_side else (target[1], target[0])
     image.draft("L" if grey else "RGB", size)
 

@@ -12,10 +12,11 @@ import os
 import stat
 import struct
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -26,19 +27,38 @@ from everplace.errors import ConfigError, ImageError
 from everplace.files import readable
 
 __all__ = [
+    "BROKEN_IMAGE_ERRORS",
     "IMAGE_ENDINGS",
     "MAX_FILE_BYTES",
     "MAX_PIXELS",
     "ImageSpec",
+    "decode_encoded",
     "decode_image",
     "decode_images",
+    "map_ahead",
     "read_image_bytes",
     "resize_image",
     "usable_cores",
 ]
 
+T = TypeVar("T")
+R = TypeVar("R")
+
 IMAGE_ENDINGS = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 """Endings (lower case) by which a file in a traverse counts as a frame."""
+
+BROKEN_IMAGE_ERRORS = (
+    OSError,
+    EOFError,
+    SyntaxError,
+    ValueError,
+    TypeError,
+    LookupError,
+    OverflowError,
+    struct.error,
+)
+"""What Pillow's readers raise on broken bytes: OSError and EOFError where they end too early, SyntaxError for
+broken PNG chunks, the others for header fields without sense."""
 
 MAX_FILE_BYTES = 2**29
 """Largest image file that is read: 512 MiB."""
@@ -87,26 +107,26 @@ def decode_image(path: Path, spec: ImageSpec) -> NDArray[np.uint8]:
     Raises:
         ImageError: The file is missing, unreadable, truncated, broken, too large, or no image.
     """
-    data = read_image_bytes(path)
+    return decode_encoded(readable(path), read_image_bytes(path), spec)
+
+
+def decode_encoded(name: str, data: bytes, spec: ImageSpec) -> NDArray[np.uint8]:
+    """Decodes the content of an image file, from wherever it comes; see `decode_image`.
+
+    Args:
+        name: What to call it in messages.
+        data: The whole file.
+        spec: The wanted size and channels.
+
+    Raises:
+        ImageError: It is empty, truncated, broken, too large, or no image.
+    """
     if not data:
-        raise ImageError(f"{readable(path)} is empty (0 bytes); copy or export the frame again")
+        raise ImageError(f"{name} is empty (0 bytes); copy or export the frame again")
     try:
-        pixels = decode_bytes(readable(path), data, spec.size, grey=spec.grey)
-    # What Pillow's readers raise on broken bytes: OSError and EOFError where they end too early, SyntaxError
-    # for broken PNG chunks, the others for header fields without sense.
-    except (
-        OSError,
-        EOFError,
-        SyntaxError,
-        ValueError,
-        TypeError,
-        LookupError,
-        OverflowError,
-        struct.error,
-    ) as error:
-        raise ImageError(
-            f"{readable(path)} is truncated or broken ({error}); copy or export the frame again"
-        ) from error
+        pixels = decode_bytes(name, data, spec.size, grey=spec.grey)
+    except BROKEN_IMAGE_ERRORS as error:
+        raise ImageError(f"{name} is truncated or broken ({error}); copy or export the frame again") from error
     if spec.size is not None:
         pixels = resize_image(pixels, spec.size)
     return pixels
@@ -127,12 +147,26 @@ def decode_images(paths: Sequence[Path], spec: ImageSpec, *, threads: int | None
     Raises:
         ImageError: When the reader reaches a file that cannot be decoded.
     """
+    return map_ahead(lambda path: decode_image(path, spec), paths, threads=threads)
+
+
+def map_ahead(function: Callable[[T], R], items: Iterable[T], *, threads: int | None = None) -> Iterator[R]:
+    """Applies a function to items in order, some ahead of the reader.
+
+    Args:
+        function: Called in several threads at once.
+        items: Its arguments.
+        threads: How many; None: one for each usable core, at most 8. Two results a thread are held ahead.
+
+    Yields:
+        What it returns, in the order of `items`. What it raises is raised when the reader reaches it.
+    """
     threads = threads or min(8, usable_cores())
-    pool = ThreadPoolExecutor(threads, thread_name_prefix="decode")
-    ahead: deque[Future[NDArray[np.uint8]]] = deque()
+    pool = ThreadPoolExecutor(threads, thread_name_prefix="ahead")
+    ahead: deque[Future[R]] = deque()
     try:
-        for path in paths:
-            ahead.append(pool.submit(decode_image, path, spec))
+        for item in items:
+            ahead.append(pool.submit(function, item))
             if len(ahead) > 2 * threads:
                 yield ahead.popleft().result()
         while ahead:

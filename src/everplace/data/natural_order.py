@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable
+from operator import methodcaller
 
 __all__ = ["natural_key", "natural_sorted"]
 
 _DIGITS = re.compile(r"([0-9]+)")
-_ZEROS = re.compile("0+")
+_LAST_TEXT = re.compile(r"[^0-9]*\Z")
 _ONE_DIGIT = str.maketrans("123456789", "0" * 9)
 
 
@@ -29,16 +31,37 @@ def natural_key(stem: str) -> tuple[tuple[str | int, ...], str]:
 def natural_sorted(stems: Iterable[str]) -> list[str]:
     """Returns the stems sorted by `natural_key`; in a fraction of the time where all are built alike."""
     ordered = sorted(stems)
-    shapes = {stem.translate(_ONE_DIGIT) for stem in ordered}
-    if len(shapes) <= 1:
+    if _sort_by_one_number(ordered):
         return ordered
-    structures = {_ZEROS.sub("0", shape) for shape in shapes}
-    prefix, _, suffix = min(structures).partition("0")
-    if len(structures) == 1 and "0" not in suffix:
-        # One number in the same surroundings. Sorting is stable, so equal numbers stay in the order of the
-        # text.
-        start, end = len(prefix), -len(suffix) or None
-        ordered.sort(key=lambda stem: int(stem[start:end]))
-    else:
+    # Where all numbers have the same length everywhere, the order of the text is the natural one.
+    if len({stem.translate(_ONE_DIGIT) for stem in ordered}) > 1:
         ordered.sort(key=natural_key)
     return ordered
+
+
+def _sort_by_one_number(ordered: list[str]) -> bool:
+    """Sorts stems, which are in the order of their text, by the only number in which they differ.
+
+    Returns:
+        Whether they are `<the same><number><the same, no digit>`; otherwise they are left as they are.
+    """
+    if not ordered:
+        return True
+    # What the first and the last in the order of the text begin with, all begin with.
+    prefix = os.path.commonprefix([ordered[0], ordered[-1]]).rstrip("0123456789")  # noqa: RUF071 - no paths
+    suffix = _LAST_TEXT.findall(ordered[0])[0]
+    start, end = len(prefix), -len(suffix) or None
+    numbers = [stem[start:end] for stem in ordered]
+    digits = "".join(numbers)
+    if not (all(numbers) and digits.isascii() and digits.isdecimal()):
+        return False
+    if not all(map(methodcaller("endswith", suffix), ordered)):
+        return False
+    if len(set(map(len, ordered))) == 1:
+        return True
+    # What begins with a zero comes first in the order of the text.
+    if not numbers[1].startswith("0") and (numbers[0] == "0" or not numbers[0].startswith("0")):
+        ordered.sort(key=len)
+    else:
+        ordered.sort(key=lambda stem: int(stem[start:end]))
+    return True

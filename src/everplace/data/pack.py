@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from everplace.data.images import ImageSpec, decode_images, read_image_bytes, usable_cores
 from everplace.data.traverse import Traverse
 from everplace.errors import ConfigError, RouteError, StorageError
-from everplace.files import readable, whole_directory, write_text
+from everplace.files import cache_directory, readable, whole_directory, write_text
 from everplace.progress import Progress, quiet
 
 if sys.platform != "win32":
@@ -60,10 +60,7 @@ class PackedImages:
 
 def default_cache() -> Path:
     """Returns where packs are kept: `packed` in $EVERPLACE_CACHE, or else in the user's cache directory."""
-    from platformdirs import user_cache_path
-
-    chosen = os.environ.get("EVERPLACE_CACHE")
-    return (Path(chosen) if chosen else user_cache_path("everplace", appauthor=False)) / "packed"
+    return cache_directory("packed")
 
 
 def pack(traverse: Traverse, spec: ImageSpec, *, cache: Path | None = None, progress: Progress = quiet) -> PackedImages:

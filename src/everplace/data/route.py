@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from everplace.data.natural_order import natural_key
-from everplace.data.route_toml import read_route_toml
+from everplace.data.route_toml import ROUTE_TOML, read_route_toml
 from everplace.data.sources.folder import read_traverses
 from everplace.data.traverse import Frame, Pose, Traverse
+from everplace.data.truth import TruthTable
 from everplace.errors import RouteError
 from everplace.files import readable
 
@@ -24,14 +25,20 @@ class Route:
     Attributes:
         root: The route's directory.
         traverses: In natural order of their names.
+        stems_are_places: Whether equal stems in two traverses are the same place; route.toml can deny it.
         tolerance: Frames by which a match may be off, if route.toml says so.
         radius: Metres by which a match may be off, if route.toml says so.
+        truth: Which frames show the same place, if route.toml names a file of pairs.
+        protocol: The published protocol that chose the frames, if route.toml names one.
     """
 
     root: Path
     traverses: tuple[Traverse, ...]
+    stems_are_places: bool = True
     tolerance: int | None = None
     radius: float | None = None
+    truth: TruthTable | None = None
+    protocol: str | None = None
 
     @property
     def name(self) -> str:
@@ -45,8 +52,20 @@ class Route:
 
     @property
     def aligned(self) -> bool:
-        """Whether the traverses share at least one stem."""
+        """Whether the traverses share at least one place, which they tell by its stem."""
         return bool(self._common())
+
+    @property
+    def why_not_aligned(self) -> str:
+        """What to say of traverses that are not aligned: "<the traverses> ..."."""
+        if self.stems_are_places:
+            return "share no stem"
+        return f"are not aligned, as {ROUTE_TOML} says (aligned = false)"
+
+    @property
+    def matched_by_stem(self) -> bool:
+        """Whether frames are the same place by their stems, and neither by their poses nor by a file of pairs."""
+        return self.radius is None and self.truth is None
 
     def __getitem__(self, name: str) -> Traverse:
         """Returns the traverse of this name, or else the only one under this condition.
@@ -88,7 +107,10 @@ class Route:
         return self._of(traverse for traverse in self.traverses if traverse.name in names)
 
     def shared_stems(self) -> tuple[str, ...]:
-        """Returns the stems that every traverse has, in natural order; empty when there is none."""
+        """Returns the stems that every traverse has, in natural order; empty when there is none, or none is a place."""
+        first, *others = self.traverses
+        if not others or (self.stems_are_places and all(traverse.stems == first.stems for traverse in others)):
+            return first.stems
         common = self._common()
         return tuple(stem for stem in self.traverses[0].stems if stem in common)
 
@@ -108,8 +130,10 @@ class Route:
         return replace(self, traverses=traverses)
 
     def _common(self) -> frozenset[str]:
-        """Returns the stems that every traverse has."""
+        """Returns the stems that every traverse has and that are places."""
         first, *others = self.traverses
+        if others and not self.stems_are_places:
+            return frozenset()
         return frozenset(first.stems).intersection(*(traverse.stems for traverse in others))
 
     def _unknown(self, name: str) -> RouteError:
@@ -135,13 +159,23 @@ def open_route(path: str | os.PathLike[str]) -> Route:
         stems.
 
     Raises:
-        RouteError: The directory is not a route (see `sources.folder.read_traverses`).
+        RouteError: The directory is not a route (see `sources.folder.read_traverses`), or lacks the file of
+            pairs that its route.toml names.
         ConfigError: Its route.toml is wrong.
     """
     root = Path(path)
     settings = read_route_toml(root)
     traverses = read_traverses(root, settings)
-    return Route(root, traverses, tolerance=settings.tolerance, radius=settings.radius)
+    truth = None if settings.truth is None else TruthTable(root / settings.truth, traverses)
+    return Route(
+        root,
+        traverses,
+        stems_are_places=settings.aligned,
+        tolerance=settings.tolerance,
+        radius=settings.radius,
+        truth=truth,
+        protocol=settings.protocol,
+    )
 
 
 def _restrict(traverse: Traverse, wanted: frozenset[str]) -> Traverse:

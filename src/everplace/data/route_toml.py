@@ -2,9 +2,12 @@
 
 All of it is optional:
 
+    aligned = false                 # equal stems in two traverses are not the same place; default: they are
     tolerance = 1                   # frames: up to here two places count as the same
     radius = 25.0                   # or metres, where there are poses
+    truth = "truth.csv"             # or a list of the pairs of frames that show the same place
     ignore = ["thumbnails"]         # sub-directories that are no traverses
+    protocol = "olid"               # the published protocol that chose the frames, to be named in results
 
     [traverses.jan14]
     condition = "winter"            # default: the traverse's name
@@ -55,23 +58,31 @@ class RouteToml(BaseModel):
     """What route.toml says.
 
     Attributes:
+        aligned: Whether equal stems in two traverses are the same place.
         tolerance: Frames by which a match may be off; None: not said.
         radius: Metres by which a match may be off; None: not said. Not beside `tolerance`.
+        truth: A CSV file of pairs, from the route's directory (see `data.truth.TruthTable`); None: there is
+            none. Not beside the other two.
         ignore: Names of sub-directories that are no traverses.
+        protocol: The published protocol that chose the frames; None: none.
         traverses: What is said about single traverses, by name.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
+    aligned: bool = True
     tolerance: Annotated[int, Field(ge=0)] | None = None
     radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    truth: _Text | None = None
     ignore: tuple[_Text, ...] = Field(default=(), strict=False)
+    protocol: _Text | None = None
     traverses: dict[str, TraverseToml] = {}
 
     @model_validator(mode="after")
     def _one_truth(self) -> RouteToml:
-        if self.tolerance is not None and self.radius is not None:
-            raise ValueError("tolerance and radius exclude each other, keep one")
+        said = [name for name in ("tolerance", "radius", "truth") if getattr(self, name) is not None]
+        if len(said) > 1:
+            raise ValueError(f"{' and '.join(said)} exclude each other, keep one")
         return self
 
 

@@ -20,7 +20,7 @@ from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.progress import Progress, quiet
 
-__all__ = ["FILTER_IMAGE", "Selection", "dark_places", "parse_frames", "select", "stationary_places"]
+__all__ = ["FILTER_IMAGE", "Selection", "dark_places", "parse_frames", "select", "spread", "stationary_places"]
 
 FILTER_IMAGE = ImageSpec(size=(32, 64), grey=True)
 """What the filters look at: 64×32 pixels (width × height), grey."""
@@ -66,7 +66,7 @@ def parse_frames(text: str) -> slice:
     return slice(start, stop)
 
 
-def select(route: Route, selection: Selection, progress: Progress = quiet) -> Route:
+def select(route: Route, selection: Selection, progress: Progress = quiet, *, only_shared: bool = True) -> Route:
     """Restricts a route to the places that take part.
 
     Traverses that share stems are restricted to the shared ones first, and filters and slice act on places.
@@ -76,6 +76,8 @@ def select(route: Route, selection: Selection, progress: Progress = quiet) -> Ro
         route: The chosen traverses.
         selection: Which places take part.
         progress: Told of the decoding that a filter needs.
+        only_shared: If False, frames that not all traverses have take part too, where there are some: filters
+            and slice then act on each traverse alone.
 
     Returns:
         The same traverses with fewer frames.
@@ -86,10 +88,15 @@ def select(route: Route, selection: Selection, progress: Progress = quiet) -> Ro
         StorageError: The cache of packed images cannot be written to.
     """
     shared = route.shared_stems()
-    if shared:
+    if shared and (only_shared or all(len(traverse) == len(shared) for traverse in route.traverses)):
         return _restrict(route.at(shared), selection, progress)
     alone = [_restrict(replace(route, traverses=(traverse,)), selection, progress) for traverse in route.traverses]
     return replace(route, traverses=tuple(part.traverses[0] for part in alone))
+
+
+def spread(total: int, count: int) -> list[int]:
+    """At most `count` positions, evenly spread over `total`."""
+    return [int(position) for position in np.unique(np.linspace(0, total - 1, min(count, total)).round())]
 
 
 def dark_places(pixels: Sequence[NDArray[np.uint8]], below: float = _DARK_BELOW) -> NDArray[np.bool_]:

@@ -13,6 +13,7 @@ from everplace.errors import MethodError
 
 __all__ = [
     "Describer",
+    "FittedDescriber",
     "LargeDescriber",
     "Metric",
     "ProbabilisticDescriber",
@@ -21,7 +22,7 @@ __all__ = [
     "require_no_argument",
 ]
 
-Metric: TypeAlias = Literal["cosine", "mean-absolute-difference"]
+Metric: TypeAlias = Literal["cosine", "mean-absolute-difference", "place-posterior"]
 Settings: TypeAlias = Mapping[str, str | int | float | bool]
 
 
@@ -69,6 +70,16 @@ class ProbabilisticDescriber(Describer, Protocol):
 
     def describe_with_variance(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Returns B×D values, equal to those of `describe`, and their B×D variances, not negative."""
+        ...
+
+
+@runtime_checkable
+class FittedDescriber(Describer, Protocol):
+    """A describer that was fitted on frames, which are then no test of it."""
+
+    @property
+    def seen_stems(self) -> frozenset[str]:
+        """Stems of the frames that it was fitted on or chosen by; empty where that was not recorded."""
         ...
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import json
 import os
 import pkgutil
+from pathlib import Path
 
 from everplace.describe import methods
 from everplace.describe.protocol import Describer
@@ -14,13 +16,14 @@ from everplace.progress import Progress, quiet
 
 __all__ = ["method_names", "open_describer"]
 
-_RUN_METHOD = "vae"  # opens run directories; has no name of its own, since a trained model is given by its directory
+_RUN_METHODS = {"vae": "vae", "c-vae": "vae", "cp-vae": "vae", "cae": "cae", "fabmap": "fabmap"}
+"""Which module opens the run of a kind of model; it has no name of its own, since a model is given by its directory."""
 
 
 def method_names() -> list[str]:
     """Returns the names of all methods that can be opened by name, sorted."""
     found = (module.name for module in pkgutil.iter_modules(methods.__path__))
-    return sorted(name for name in found if not name.startswith("_") and name != _RUN_METHOD)
+    return sorted(name for name in found if not name.startswith("_") and name not in _RUN_METHODS.values())
 
 
 def open_describer(method: str, *, progress: Progress = quiet) -> Describer:
@@ -37,7 +40,7 @@ def open_describer(method: str, *, progress: Progress = quiet) -> Describer:
     """
     # os.path answers False where pathlib raises: a name too long for a path, or with NUL.
     if method and os.path.isfile(os.path.join(method, "config.toml")):  # noqa: PTH113, PTH118
-        return _open(_RUN_METHOD, method, progress)
+        return _open(_RUN_METHODS.get(_kind(Path(method)), "vae"), method, progress)
     name, _, argument = method.partition(":")
     if name in method_names():
         return _open(name, argument, progress)
@@ -45,6 +48,14 @@ def open_describer(method: str, *, progress: Progress = quiet) -> Describer:
     if os.path.isdir(method):  # noqa: PTH112
         raise MethodError(f"{readable(method)} is no run directory, it holds no config.toml; {choice}")
     raise MethodError(f"there is no method or run directory {readable(method)!r}; {choice}")
+
+
+def _kind(run: Path) -> str:
+    """The kind of model that a run directory holds; empty if it does not say, which opening it explains."""
+    try:
+        return str(json.loads((run / "checkpoint.json").read_text("utf-8"))["model"]["kind"])
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return ""
 
 
 def _open(name: str, argument: str, progress: Progress) -> Describer:

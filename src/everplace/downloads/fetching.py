@@ -31,12 +31,14 @@ class Download:
         target: Where it goes.
         sha256: Its published hash, 64 hexadecimal digits; None: none is published.
         size: Its published size in bytes; None: not known.
+        known: Where hash and size are from, to end the sentence "... where HASH".
     """
 
     url: str
     target: Path
     sha256: str | None = None
     size: int | None = None
+    known: str = "is published"
 
 
 def fetch(
@@ -271,11 +273,11 @@ class _Transfer:
     def _problem(self) -> str | None:
         """Says in what the whole file differs from the wanted one, or None."""
         wanted, size = self.download, self.partial.size
-        end = "it changed at its source or on the way, so it is not kept; look for its new address or hash"
+        end = f"{wanted.known}; it changed at its source or on the way, so it is not kept"
         if wanted.size is not None and size != wanted.size:
-            return f"{wanted.url} has {size} bytes where {wanted.size} are published; {end}"
+            return f"{wanted.url} has {size} bytes where a size of {wanted.size} {end}"
         if wanted.sha256 is not None and (found := sha256_of(self.partial.path)) != wanted.sha256.lower():
-            return f"{wanted.url} has the SHA-256 {found} where {wanted.sha256.lower()} is published; {end}"
+            return f"{wanted.url} has the SHA-256 {found} where {wanted.sha256.lower()} {end}"
         return None
 
 

@@ -12,10 +12,11 @@ from everplace.data.route import Route
 from everplace.describe.descriptors import Descriptors
 from everplace.describe.pipeline import time_describer
 from everplace.describe.protocol import Describer
-from everplace.errors import RouteError
+from everplace.errors import ConfigError, RouteError
 from everplace.evaluate.audit import Audit
 from everplace.experiments.evaluation import audit_pair
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, retrieve, true_matches
+from everplace.match.standardise import standardisable
 from everplace.progress import Progress, quiet
 
 __all__ = ["SCORES", "Comparison", "compare_methods"]
@@ -53,8 +54,8 @@ class Comparison:
             "places": len(self.route.traverses[0]),
             "tolerance": self.truth.tolerance,
             "radius": self.truth.radius,
-            "standardise": self.matching.standardise,
-            "sequence": self.matching.sequence,
+            "truth": self.truth.pairs,
+            **self.matching.metrics(),
             "pairs": [
                 {
                     "query": query,
@@ -64,6 +65,7 @@ class Comparison:
                             **one.scores.to_dict(),
                             "dimension": one.dimension,
                             "ms_per_image": round(one.ms_per_image, 4),
+                            **({"new_place": one.new_place} if one.new_place is not None else {}),
                         }
                         for label, one in results.items()
                     },
@@ -115,9 +117,11 @@ def compare_methods(
 
     Raises:
         RouteError: There is only one traverse.
+        ConfigError: The options of the match apply to none of the methods.
     """
     if len(route.traverses) < 2:
         raise RouteError(f"a comparison needs two traverses, but {route.name} has one; add another or choose both")
+    describers, unsuited = _suited(describers, matching)
     results: dict[tuple[str, str], dict[str, Retrieval]] = {}
     described: dict[str, dict[str, Descriptors]] = {label: {} for label in describers}
     timed = {label: time_describer(one, route.traverses[0].paths) for label, one in describers.items()}
@@ -139,4 +143,16 @@ def compare_methods(
         }
     audits = {label: audit_pair(describer, route, resolved, progress) for label, describer in describers.items()}
     known = {label: one for label, one in audits.items() if one is not None}
-    return Comparison(route, resolved, matching, results, known, describers, left_out or {})
+    return Comparison(route, resolved, matching, results, known, describers, {**(left_out or {}), **unsuited})
+
+
+def _suited(describers: dict[str, Describer], matching: Matching) -> tuple[dict[str, Describer], dict[str, str]]:
+    """The methods to which the options of the match apply, and those left out, with the reason."""
+    unsuited = {
+        label: f"--standardise {matching.standardise} does not apply to the words of {describer.method}"
+        for label, describer in describers.items()
+        if matching.standardise is not None and not standardisable(describer.metric)
+    }
+    if len(unsuited) == len(describers):
+        raise ConfigError(f"{'; '.join(unsuited.values())}: leave it out, or compare other methods")
+    return {label: one for label, one in describers.items() if label not in unsuited}, unsuited

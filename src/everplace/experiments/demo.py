@@ -45,7 +45,7 @@ class DemoSettings:
     places: int = 640
     trained: str = "0:500"
     tested: str = "520:"
-    epochs: int = 20
+    epochs: int = 12
     rendered: tuple[int, int] = (64, 128)
     seen: tuple[int, int] = (32, 64)
 

@@ -13,12 +13,13 @@ from everplace.data.pack import pack
 from everplace.data.route import Route
 from everplace.data.selection import Selection
 from everplace.describe.methods.vae import VAEDescriber
-from everplace.describe.protocol import Describer
+from everplace.describe.protocol import Describer, FittedDescriber
 from everplace.describe.registry import open_describer
 from everplace.evaluate.audit import Audit, Probe, audit
 from everplace.experiments.pictures import constant_figure, match_figure, matrix_figure, swap_figure
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, choose_pair, retrieve, true_matches
 from everplace.files import write_text
+from everplace.match.standardise import require_standardisable
 from everplace.plots.canvas import save_figure
 from everplace.plots.interactive import precision_recall_figure
 from everplace.progress import Progress, quiet
@@ -70,11 +71,12 @@ class Evaluation:
             **scores,
             "tolerance": self.truth.tolerance,
             "radius": self.truth.radius,
-            "standardise": self.matching.standardise,
-            "sequence": self.matching.sequence,
+            "truth": self.truth.pairs,
+            **self.matching.metrics(),
             "dimension": self.result.dimension,
             "ms_per_image": round(self.result.ms_per_image, 4),
             "trained_places_tested": self.trained_places,
+            **({"new_place": self.result.new_place} if self.result.new_place is not None else {}),
             **({"audit": self.audit.to_dict()} if self.audit is not None else {}),
         }
 
@@ -96,9 +98,12 @@ def evaluate_method(
         RouteError: A condition does not exist, or nothing is left of the route.
         MethodError: The method does not exist or cannot run here.
         CheckpointError: The run directory is damaged.
+        ConfigError: The method's descriptors cannot be standardised.
         ImageError: A frame cannot be decoded.
     """
     describer = open_describer(method, progress=progress)
+    if matching.standardise is not None:
+        require_standardisable(describer.method, describer.metric)
     chosen, pair = choose_pair(route, query, database, selection, progress)
     matches, truth = true_matches(chosen, pair, truth)
     result = retrieve(describer, pair, matches, matching, progress=progress)
@@ -109,17 +114,18 @@ def evaluate_method(
 
 def seen_places(describer: Describer, route: Route) -> int:
     """How many of a route's stems a model was trained on or chosen by: the scores are no test of these."""
-    if not isinstance(describer, VAEDescriber):
+    if not isinstance(describer, FittedDescriber):
         return 0
     stems = {stem for traverse in route.traverses for stem in traverse.stems}
-    return len(stems & describer.checkpoint.seen_stems)
+    return len(stems & describer.seen_stems)
 
 
 def audit_pair(describer: Describer, route: Route, truth: Truth, progress: Progress = quiet) -> Audit | None:
-    """The leakage audit on all traverses of a route; None where it has no meaning."""
-    few = len(route.traverses) < 2 or len(route.traverses[0]) < 4
-    if not isinstance(describer, VAEDescriber) or not route.aligned or few:
+    """The leakage audit on the places that all traverses of a route share; None where it has no meaning."""
+    shared = route.shared_stems()
+    if not isinstance(describer, VAEDescriber) or len(route.traverses) < 2 or len(shared) < 4:
         return None
+    route = route.at(shared)
     spec: ImageSpec = describer.image
     pixels = [pack(traverse, spec, progress=progress).pixels for traverse in route.traverses]
     return audit(
@@ -213,6 +219,7 @@ def audit_section(section: Section, audits: dict[str, Audit]) -> None:
 def model_section(section: Section, describer: VAEDescriber, route: Route, out: Path, prefix: str = "") -> None:
     """Figures 6 to 9 of the paper for a model and a route; the pictures also go into `out`."""
     model = describer.checkpoint.model
+    route = route.at(route.shared_stems())
     swap, constant = swap_figure(model, route), constant_figure(model, route)
     save_figure(swap, out / f"{prefix}swap.png")
     save_figure(constant, out / f"{prefix}constant.png")

@@ -13,10 +13,8 @@ from everplace.describe.protocol import Describer
 from everplace.describe.registry import method_names, open_describer
 from everplace.errors import ConfigError, MethodError
 from everplace.files import readable
-from everplace.model.config import MODEL_KINDS
 from everplace.progress import Progress, quiet
-from everplace.training.config import DEFAULT_EPOCHS, TrainConfig
-from everplace.training.fit import train
+from everplace.training.methods import FITTED_METHODS, build_config, fit_method
 
 __all__ = ["fit", "fit_and_open"]
 
@@ -31,15 +29,16 @@ def fit_and_open(
     settings: Mapping[str, Any],
     progress: Progress = quiet,
 ) -> tuple[Route, dict[str, Describer], dict[str, str]]:
-    """Opens every method; those named by a kind of model are trained first, into `out`/runs.
+    """Opens every method; those that are named and must be fitted are fitted first, into `out`/runs.
 
     Args:
         route: The chosen traverses.
-        methods: Run directories, names of methods, or kinds of model to fit.
+        methods: Run directories, or names of methods.
         selection: The places to test on.
         fit_frames: `A:B`, the places to fit on; they may not overlap the tested ones.
         out: The directory of the comparison.
-        settings: Values of `TrainConfig` for the models that are fitted.
+        settings: Values of `TrainConfig` for the networks that are fitted; FAB-MAP takes its own of them, and looks
+            at images as they are stored.
         progress: Told of decoding.
 
     Returns:
@@ -52,8 +51,9 @@ def fit_and_open(
         raise ConfigError("--methods names no method; give run directories, sad, hog, ..., separated by commas")
     if fit_frames:
         parse_frames(fit_frames)
-    tested = select(route, selection, progress)
-    fitted = [method for method in methods if method in MODEL_KINDS]
+    fitted = [method for method in methods if method in FITTED_METHODS]
+    # Training takes the shared places, and only the same numbering tells them apart from the tested ones.
+    tested = select(route, selection, progress, only_shared=route.matched_by_stem or bool(fitted))
     if fitted:
         _require_apart(select(route, replace(selection, frames=None), progress), selection.frames, fit_frames, fitted)
     describers: dict[str, Describer] = {}
@@ -70,7 +70,8 @@ def fit_and_open(
             left_out[method] = str(error)
     for method in methods:
         if method in fitted:
-            describers[method] = fit(route, {**settings, "model": method, "frames": fit_frames}, out, progress)
+            own = {**_settings_of(method, settings), "model": method, "frames": fit_frames}
+            describers[method] = fit(route, own, out, progress)
         elif method in opened:
             describers[_label(method, describers)] = opened[method]
     if not describers:
@@ -79,11 +80,11 @@ def fit_and_open(
 
 
 def fit(route: Route, settings: Mapping[str, Any], out: Path, progress: Progress = quiet) -> Describer:
-    """Trains a model into `out`/runs, or goes on where an earlier call with the same settings stood.
+    """Fits a method into `out`/runs, or goes on where an earlier call with the same settings stood.
 
     Args:
         route: The route to train on.
-        settings: Values of `TrainConfig`.
+        settings: The method as `model`, and values of its configuration.
         out: The directory of the study.
         progress: Told of decoding.
 
@@ -91,10 +92,9 @@ def fit(route: Route, settings: Mapping[str, Any], out: Path, progress: Progress
         ConfigError: A setting is wrong, or an earlier call used others.
     """
     run = out / "runs" / str(settings["model"])
-    length = {} if {"minutes", "epochs"} & set(settings) else {"epochs": DEFAULT_EPOCHS}
-    config = TrainConfig.build(**{**length, **settings})
+    config = build_config(**settings)
     try:
-        train(route, config, run, resume=True, progress=progress, show=True)
+        fit_method(route, config, run, resume=True, progress=progress, show=True)
     except ConfigError as error:
         if not run.exists():
             raise
@@ -102,6 +102,12 @@ def fit(route: Route, settings: Mapping[str, Any], out: Path, progress: Progress
             f"{readable(out)} holds a study with other settings; name another --out, or remove it ({error})"
         ) from None
     return open_describer(str(run))
+
+
+def _settings_of(method: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """What of the settings of a study's networks a method has too."""
+    shared = ("conditions", "drop_dark", "drop_stationary", "seed")
+    return {name: value for name, value in settings.items() if method != "fabmap" or name in shared}
 
 
 def _label(method: str, taken: Collection[str]) -> str:

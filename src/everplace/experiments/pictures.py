@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from everplace.data.images import ImageSpec, decode_image, decode_images
 from everplace.data.route import Route
+from everplace.data.selection import spread
 from everplace.errors import RouteError
 from everplace.evaluate.audit import encode_frames
 from everplace.experiments.retrieval import Pair, Retrieval
@@ -19,14 +20,9 @@ from everplace.plots.gallery import Match, draw_matches
 from everplace.plots.grid import draw_constant_grid, draw_swap_grid
 from everplace.plots.matrix import draw_similarity
 
-__all__ = ["constant_figure", "match_figure", "matrix_figure", "spread", "swap_figure"]
+__all__ = ["constant_figure", "match_figure", "matrix_figure", "swap_figure"]
 
 _PICTURE = ImageSpec()
-
-
-def spread(total: int, count: int) -> list[int]:
-    """At most `count` positions, evenly spread over `total`."""
-    return [int(position) for position in np.unique(np.linspace(0, total - 1, min(count, total)).round())]
 
 
 def match_figure(pair: Pair, result: Retrieval, *, count: int = 8, title: str = "") -> Figure:
@@ -64,7 +60,9 @@ def swap_figure(model: ConditionVAE, route: Route, place: int | None = None) -> 
         RouteError: The traverses share no place, or there is no such place.
     """
     position = len(route.traverses[0]) // 2 if place is None else place
-    if not route.aligned or not 0 <= position < len(route.traverses[0]):
+    if not route.aligned:
+        raise _not_aligned(route)
+    if not 0 <= position < len(route.traverses[0]):
         raise RouteError(
             f"there is no place {position} that all traverses share; choose one below the number of places"
         )
@@ -86,7 +84,7 @@ def constant_figure(model: ConditionVAE, route: Route, *, count: int = 4) -> Fig
     The constant is the mean z_c of the first traverse's chosen frames.
     """
     if not route.aligned:
-        raise RouteError("the traverses share no place to show in several conditions; choose others")
+        raise _not_aligned(route)
     positions = spread(len(route.traverses[0]), count)
     frames = _frames(model, route, positions)
     flat = np.concatenate(list(frames))
@@ -100,6 +98,13 @@ def constant_figure(model: ConditionVAE, route: Route, *, count: int = 4) -> Fig
         title=f"z_p of each frame with one constant z_c (the mean of {route.traverses[0].name})",
     )  # fmt: skip
     return figure
+
+
+def _not_aligned(route: Route) -> RouteError:
+    return RouteError(
+        f"the traverses {', '.join(traverse.name for traverse in route.traverses)} {route.why_not_aligned}, so there "
+        "is no place to show in several conditions; choose others"
+    )
 
 
 def _match(pair: Pair, result: Retrieval, query: int, proposed: int) -> Match:

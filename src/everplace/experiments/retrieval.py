@@ -14,10 +14,11 @@ from everplace.data.truth import truth_by_pose, truth_by_position
 from everplace.describe.descriptors import Descriptors
 from everplace.describe.pipeline import describe_traverse, time_describer
 from everplace.describe.protocol import Describer
-from everplace.errors import ConfigError
+from everplace.errors import ConfigError, RouteError
 from everplace.evaluate.scores import PrecisionRecall, Scores, evaluate, precision_recall
+from everplace.match.place_posterior import new_place_summary
 from everplace.match.search import compared
-from everplace.match.sequence import average_sequences
+from everplace.match.sequence import SequenceMethod, search_sequences
 from everplace.match.similarity import similarity
 from everplace.match.standardise import Standardisation
 from everplace.progress import Progress, quiet
@@ -30,14 +31,18 @@ class Truth:
     """When two frames show the same place.
 
     Attributes:
-        tolerance: Places along the route by which a match may be off; None: `radius` counts.
+        tolerance: Places along the route by which a match may be off; None: `radius` or `pairs` counts.
         radius: Metres by which a match may be off, where poses are known.
+        pairs: The file of the route that lists what belongs together; never given by a user.
     """
 
     tolerance: int | None = None
     radius: float | None = None
+    pairs: str | None = None
 
     def __str__(self) -> str:
+        if self.pairs is not None:
+            return f"pairs of {self.pairs}"
         return f"±{self.tolerance} frames" if self.radius is None else f"within {self.radius:g} m"
 
 
@@ -47,15 +52,25 @@ class Matching:
 
     Attributes:
         standardise: Subtract each traverse's mean descriptor (`centre`), also divide by its spread (`full`).
-        sequence: Average the similarity along the diagonal over so many frames; 1: frame by frame.
+        sequence: Score places by so many last frames; 1: frame by frame.
+        sequence_method: How, see `everplace.match.sequence`.
     """
 
     standardise: Standardisation | None = None
     sequence: int = 1
+    sequence_method: SequenceMethod = "filter"
+
+    def metrics(self) -> dict[str, str | int | None]:
+        """What metrics.json says of the match."""
+        return {
+            "standardise": self.standardise,
+            "sequence": self.sequence,
+            "sequence_method": self.sequence_method if self.sequence > 1 else None,
+        }
 
     def __str__(self) -> str:
         parts = [f"standardised ({self.standardise})"] if self.standardise else []
-        parts += [f"sequences of {self.sequence}"] if self.sequence > 1 else []
+        parts += [f"sequences of {self.sequence} ({self.sequence_method})"] if self.sequence > 1 else []
         return ", ".join(parts) or "plain"
 
 
@@ -79,6 +94,8 @@ class Retrieval:
         curve: The best-match precision-recall curve.
         dimension: Numbers in a descriptor.
         ms_per_image: Description alone, model loading and decoding not counted.
+        new_place: Where the method knows the probability that a query shows a place that is not in the database: its
+            mean over the queries (`mean_probability`), and how many queries have one above one half (`above_half`).
     """
 
     method: str
@@ -88,12 +105,16 @@ class Retrieval:
     curve: PrecisionRecall
     dimension: int
     ms_per_image: float
+    new_place: dict[str, float] | None = None
 
 
 def choose_pair(
     route: Route, query: str, database: str, selection: Selection, progress: Progress = quiet
 ) -> tuple[Route, Pair]:
     """Restricts a route to two conditions and to the places that take part.
+
+    Where the route tells the same places by poses or by a file of pairs, a frame needs no partner of the same
+    stem to take part.
 
     Returns:
         The route of these two traverses (one, if both are the same), and the pair.
@@ -102,7 +123,8 @@ def choose_pair(
         RouteError: A condition does not exist, or nothing is left.
     """
     names = [route[query].name, route[database].name]
-    chosen = select(route.only(list(dict.fromkeys(names))), selection, progress)
+    both = route.only(list(dict.fromkeys(names)))
+    chosen = select(both, selection, progress, only_shared=route.matched_by_stem)
     return chosen, Pair(chosen[names[0]], chosen[names[1]])
 
 
@@ -111,16 +133,24 @@ def true_matches(route: Route, pair: Pair, truth: Truth) -> tuple[NDArray[np.boo
 
     Raises:
         ConfigError: Both a tolerance and a radius are given.
-        RouteError: Poses are missing for a radius.
+        RouteError: Poses are missing for a radius, the file of pairs is wrong, or stems that are no places are to tell
+            the truth.
     """
     if truth.tolerance is not None and truth.radius is not None:
         raise ConfigError("--tolerance and --radius are two truths; give one of them")
     if truth.tolerance is None and truth.radius is None:
+        if route.truth is not None:
+            return route.truth.matches(pair.query, pair.database), Truth(pairs=route.truth.path.name)
         tolerance = route.tolerance if route.radius is None else None
         truth = Truth(1 if tolerance is None and route.radius is None else tolerance, route.radius)
     if truth.radius is not None:
         return truth_by_pose(pair.query, pair.database, truth.radius), truth
     assert truth.tolerance is not None
+    if not route.stems_are_places and pair.query.name != pair.database.name:
+        raise RouteError(
+            f"the traverses {pair.query.name!r} and {pair.database.name!r} {route.why_not_aligned}, so nobody knows "
+            "which frames show the same place; add poses and give --radius, or rename the frames and take the line out"
+        )
     return truth_by_position(pair.query, pair.database, truth.tolerance), truth
 
 
@@ -152,7 +182,7 @@ def retrieve(
     query, database = described[pair.query.name], described[pair.database.name]
     S = similarity(*compared(query, database, matching.standardise))
     if matching.sequence > 1:
-        S = average_sequences(S, matching.sequence)
+        S = search_sequences(S, matching.sequence, matching.sequence_method)
     return Retrieval(
         method=describer.method,
         similarity=S,
@@ -161,4 +191,5 @@ def retrieve(
         curve=precision_recall(S, truth),
         dimension=describer.dimension,
         ms_per_image=time_describer(describer, pair.query.paths) if ms_per_image is None else ms_per_image,
+        new_place=new_place_summary(query, database),
     )

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.describe.descriptors import Descriptors
-from everplace.match.sequence import average_sequences
+from everplace.match.sequence import SequenceMethod, search_sequences
 from everplace.match.similarity import similarity, top_k
 from everplace.match.standardise import Standardisation, standardise
 
@@ -29,6 +29,7 @@ def best_matches(
     *,
     standardised: Standardisation | None = None,
     sequence: int = 1,
+    sequence_method: SequenceMethod = "filter",
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Finds the K best database frames of every query, best first; equal scores go to the lower index.
 
@@ -39,7 +40,8 @@ def best_matches(
         database: N descriptors.
         k: Matches for each query; at most N are returned.
         standardised: See `everplace.match.standardise`.
-        sequence: See `everplace.match.sequence`.
+        sequence: Score by so many last frames; 1: frame by frame.
+        sequence_method: See `everplace.match.sequence`.
 
     Returns:
         Indices and scores, M×min(k, N).
@@ -50,6 +52,6 @@ def best_matches(
     query, database = compared(query, database, standardised)
     if sequence == 1:
         return top_k(query, database, k)
-    S = average_sequences(similarity(query, database), sequence)
+    S = search_sequences(similarity(query, database), sequence, sequence_method)
     order = np.argsort(-S, axis=1, kind="stable")[:, :k]
     return order.astype(np.int64), np.take_along_axis(S, order, axis=1)

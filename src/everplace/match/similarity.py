@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from everplace.data.images import usable_cores
 from everplace.describe.descriptors import Descriptors
 from everplace.errors import ConfigError, DescriptorsError
+from everplace.match.place_posterior import PlacePosterior
 
 __all__ = ["similarity", "similarity_blocks", "top_k"]
 
@@ -25,6 +26,8 @@ def similarity(query: Descriptors, database: Descriptors) -> NDArray[np.float32]
 
     Cosine, Eq. 6 of the paper: q·d / (|q| |d|), in [-1, 1]; a zero vector is like nothing, 0.
     Mean absolute difference: -Σ|q - d| / D, at most 0.
+    Place posterior (FAB-MAP): the logarithm of the probability of the place given the query, over all places of the
+    database and a new one, at most 0; see `everplace.match.place_posterior`.
 
     Args:
         query: M descriptors, the rows.
@@ -110,6 +113,8 @@ def _comparison(query: Descriptors, database: Descriptors) -> Callable[[slice, s
     if query.metric == "cosine":
         directions = _directions(query.values), _directions(database.values)
         return lambda rows, columns: _cosine(directions[0][rows], directions[1][columns])
+    if query.metric == "place-posterior":
+        return PlacePosterior(query, database).log_probability
     return lambda rows, columns: 0 - _mean_absolute_difference(query.values[rows], database.values[columns])
 
 

@@ -12,9 +12,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from everplace.describe.descriptors import Descriptors
+from everplace.describe.protocol import Metric
 from everplace.errors import ConfigError
 
-__all__ = ["Standardisation", "standardise"]
+__all__ = ["Standardisation", "require_standardisable", "standardisable", "standardise"]
 
 Standardisation: TypeAlias = Literal["centre", "full"]
 
@@ -36,10 +37,11 @@ def standardise(descriptors: Descriptors, how: Standardisation) -> Descriptors:
         New descriptors whose settings say how they were standardised.
 
     Raises:
-        ConfigError: `how` is something else.
+        ConfigError: `how` is something else, or the descriptors are words.
     """
     if how not in ("centre", "full"):
         raise ConfigError(f"--standardise {how} is not known; choose centre or full")
+    require_standardisable(descriptors.method, descriptors.metric)
     # In double precision the mean of N equal float32 is exact, so a dimension that does not vary is seen.
     mean = descriptors.values.mean(axis=0, dtype=np.float64)
     blocks = [slice(start, start + _ROWS) for start in range(0, len(descriptors), _ROWS)]
@@ -55,3 +57,18 @@ def standardise(descriptors: Descriptors, how: Standardisation) -> Descriptors:
     if variance is not None:
         variance = (variance * np.square(scale)).astype(np.float32)
     return replace(descriptors, values=values, variance=variance, settings={**descriptors.settings, "standardise": how})
+
+
+def standardisable(metric: Metric) -> bool:
+    """Whether descriptors still mean something when their mean is subtracted: words are there or not."""
+    return metric != "place-posterior"
+
+
+def require_standardisable(method: str, metric: Metric) -> None:
+    """Makes sure that descriptors can be standardised.
+
+    Raises:
+        ConfigError: They are words.
+    """
+    if not standardisable(metric):
+        raise ConfigError(f"--standardise does not apply to the words of {method}; leave it out")

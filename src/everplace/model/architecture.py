@@ -12,11 +12,23 @@ from torch.nn import functional
 from everplace.model.config import ModelConfig
 from everplace.model.posterior import LatentSplit, Posterior
 
-__all__ = ["ConditionVAE", "Decoder", "Encoder", "Output", "PlaceHead", "feature_map", "hidden_widths"]
+__all__ = [
+    "ConditionVAE",
+    "Decoder",
+    "Encoder",
+    "InstanceBatchNorm2d",
+    "Output",
+    "PlaceHead",
+    "feature_map",
+    "hidden_widths",
+    "strides",
+]
 
 CONVOLUTIONS = (32, 64, 64, 128, 128)
 FULLY_CONNECTED = (4096, 2048, 1024, 512)
 SMALLEST_SIDE = 4
+FREE_OF_CONTRAST = 3
+"""So many of the first convolutions are normalised for each image alone in half of their channels."""
 
 
 def feature_map(height: int, width: int) -> tuple[int, int, int]:
@@ -34,15 +46,43 @@ def feature_map(height: int, width: int) -> tuple[int, int, int]:
     return halvings, height >> halvings, width >> halvings
 
 
-def hidden_widths(flattened: int) -> tuple[int, ...]:
+def strides(height: int, width: int) -> tuple[int, ...]:
+    """Stride of each of the five convolutions: those that do not halve are the second, then the fourth (decided).
+
+    Each halving of a small image is so followed by a layer that looks at what is left before the next one.
+    """
+    halvings, _, _ = feature_map(height, width)
+    full = (1, 3)[: len(CONVOLUTIONS) - halvings]
+    return tuple(1 if i in full else 2 for i in range(len(CONVOLUTIONS)))
+
+
+def hidden_widths(flattened: int, *, fully_connected: bool = True) -> tuple[int, ...]:
     """The fully connected chain: Table 1's widths, from the first one below the flattened size (decided)."""
-    return tuple(width for width in FULLY_CONNECTED if width < flattened)
+    return tuple(width for width in FULLY_CONNECTED if fully_connected and width < flattened)
 
 
-def _convolution(inputs: int, outputs: int, stride: int) -> nn.Sequential:
+class InstanceBatchNorm2d(nn.Module):
+    """Half of the channels normalised for each image alone, half over the batch (IBN-a, Pan et al. 2018).
+
+    The first half loses brightness and contrast, which differ between the conditions; the second keeps them for z_c.
+    Decided; the paper is silent.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.instance = nn.InstanceNorm2d(channels // 2, affine=True)
+        self.batch = nn.BatchNorm2d(channels - channels // 2)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) to the same shape."""
+        alone = self.instance.num_features
+        return torch.cat((self.instance(x[:, :alone]), self.batch(x[:, alone:])), dim=1)
+
+
+def _convolution(inputs: int, outputs: int, stride: int, *, free_of_contrast: bool) -> nn.Sequential:
     return nn.Sequential(
         nn.Conv2d(inputs, outputs, 3, stride, padding=1, bias=False),
-        nn.BatchNorm2d(outputs),
+        InstanceBatchNorm2d(outputs) if free_of_contrast else nn.BatchNorm2d(outputs),
         nn.LeakyReLU(0.1),
     )
 
@@ -57,7 +97,7 @@ def _transposed(inputs: int, outputs: int, stride: int) -> nn.Sequential:
 
 
 def _linear(inputs: int, outputs: int) -> nn.Sequential:
-    return nn.Sequential(nn.Linear(inputs, outputs, bias=False), nn.BatchNorm1d(outputs), nn.LeakyReLU(0.1))
+    return nn.Sequential(nn.Linear(inputs, outputs, bias=False), nn.BatchNorm1d(outputs))
 
 
 class Encoder(nn.Module):
@@ -74,20 +114,26 @@ class Encoder(nn.Module):
     | flatten                | (B, 6272)           |
     | fc6, fc7, fc8, fc9     | (B, 4096), (B, 2048), (B, 1024), (B, 512) |
     | z_mean, z_log_variance | (B, 128), (B, 128)  |
+
+    The fully connected chain has batch normalisation and no activation (decided by experiment: with one, the chain
+    learns the training places by heart).
+
+    The encoder of the plain autoencoder (`cae`) ends in z_mean alone: its code.
     """
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
-        halvings, height, width = feature_map(config.height, config.width)
+        _, height, width = feature_map(config.height, config.width)
         channels = (config.channels, *CONVOLUTIONS)
         self.convolutions = nn.ModuleList(
-            _convolution(channels[i], channels[i + 1], 2 if i < halvings else 1) for i in range(len(CONVOLUTIONS))
+            _convolution(channels[i], channels[i + 1], stride, free_of_contrast=i < FREE_OF_CONTRAST)
+            for i, stride in enumerate(strides(config.height, config.width))
         )
         flattened = CONVOLUTIONS[-1] * height * width
-        widths = (flattened, *hidden_widths(flattened))
+        widths = (flattened, *hidden_widths(flattened, fully_connected=config.fully_connected))
         self.fully_connected = nn.ModuleList(_linear(a, b) for a, b in pairwise(widths))
         self.z_mean = nn.Linear(widths[-1], config.latent_dimensions)
-        self.z_log_variance = nn.Linear(widths[-1], config.latent_dimensions)
+        self.z_log_variance = None if config.kind == "cae" else nn.Linear(widths[-1], config.latent_dimensions)
 
     def forward(self, images: Tensor) -> Posterior:
         """Encodes images.
@@ -104,6 +150,8 @@ class Encoder(nn.Module):
         x = x.flatten(1)
         for layer in self.fully_connected:
             x = layer(x)
+        if self.z_log_variance is None:
+            return Posterior(self.z_mean(x).float(), None)
         # A bounded log-variance keeps exp() finite in the first steps; +-10 is far outside what training reaches.
         log_variance = self.z_log_variance(x).float().clamp(-10.0, 10.0)
         return Posterior(self.z_mean(x).float(), log_variance)
@@ -114,16 +162,20 @@ class Decoder(nn.Module):
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
-        halvings, self.height, self.width = feature_map(config.height, config.width)
+        _, self.height, self.width = feature_map(config.height, config.width)
         flattened = CONVOLUTIONS[-1] * self.height * self.width
-        widths = (config.latent_dimensions, *reversed(hidden_widths(flattened)), flattened)
-        self.fully_connected = nn.ModuleList(_linear(a, b) for a, b in pairwise(widths))
-        channels = tuple(reversed(CONVOLUTIONS))
-        strides = [2 if i < halvings else 1 for i in reversed(range(len(CONVOLUTIONS)))]
-        self.convolutions = nn.ModuleList(
-            _transposed(a, b, stride) for a, b, stride in zip(channels, channels[1:], strides, strict=False)
+        widths = (
+            config.latent_dimensions,
+            *reversed(hidden_widths(flattened, fully_connected=config.fully_connected)),
+            flattened,
         )
-        last = strides[-1]
+        self.fully_connected = nn.ModuleList(_linear(a, b).append(nn.LeakyReLU(0.1)) for a, b in pairwise(widths))
+        channels = tuple(reversed(CONVOLUTIONS))
+        steps = tuple(reversed(strides(config.height, config.width)))
+        self.convolutions = nn.ModuleList(
+            _transposed(a, b, step) for a, b, step in zip(channels, channels[1:], steps, strict=False)
+        )
+        last = steps[-1]
         self.output = nn.ConvTranspose2d(channels[-1], config.channels, 4 if last == 2 else 3, last, padding=1)
 
     def forward(self, z: Tensor) -> Tensor:
@@ -198,7 +250,7 @@ class Output:
         z: The sample, (B, D).
         reconstruction: Mean of p(x|z), (B, C, H, W), float32.
         condition_logits: (B, conditions), None for the VAE.
-        place_logits: (B, places), None unless CP-VAE.
+        place_logits: (B, places), None unless the model has classes of places.
     """
 
     posterior: Posterior
@@ -210,6 +262,11 @@ class Output:
 
 class ConditionVAE(nn.Module):
     """VAE, C-VAE and CP-VAE: one encoder and decoder, with the label heads that the kind has.
+
+    Without sampling and heads it is the plain convolutional autoencoder (`cae`) of the paper's predecessors (Oh and
+    Lee, Park; the paper's references 16 and 17). The paper says no more of them than their names; decided: the same
+    encoder and decoder as the VAE's, a deterministic code of 128, trained by the squared error of the pixels, so that
+    what the VAE adds is the only difference.
 
     | symbol          | here                     | shape              |
     |-----------------|--------------------------|--------------------|
@@ -230,11 +287,25 @@ class ConditionVAE(nn.Module):
         self.encoder = Encoder(config)
         self.decoder = Decoder(config)
         self.condition_head = (
-            None if config.kind == "vae" else nn.Linear(config.condition_dimensions, len(config.conditions))
+            nn.Linear(config.condition_dimensions, len(config.conditions)) if config.labelled else None
         )
-        self.place_head = PlaceHead(config.place_dimensions, config.places) if config.kind == "cp-vae" else None
+        self.place_head = PlaceHead(config.place_dimensions, config.places) if config.places else None
         # The sigma that training reached; fixed wherever a bound is evaluated.
         self.register_buffer("log_sigma", torch.zeros(()))
+
+    @property
+    def fully_connected(self) -> tuple[nn.Module, ...]:
+        """The fully connected chains of encoder and decoder."""
+        return (self.encoder.fully_connected, self.decoder.fully_connected)
+
+    def initialise(self) -> None:
+        """Sets the encoder's fully connected chain up for training; slow, so not done where weights are loaded.
+
+        Orthogonal matrices (Saxe et al. 2014) hand all that the convolutions see down the chain, evenly.
+        """
+        for module in (*self.encoder.fully_connected.modules(), self.encoder.z_mean):
+            if isinstance(module, nn.Linear):
+                nn.init.orthogonal_(module.weight)
 
     def forward(self, images: Tensor, noise: Tensor) -> Output:
         """Encodes, samples and decodes.
@@ -254,13 +325,13 @@ class ConditionVAE(nn.Module):
         return Output(posterior, z, reconstruction, condition_logits, place_logits)
 
     def descriptor(self, images: Tensor) -> Tensor:
-        """The place descriptor: the posterior mean of z_p (of all of z for the plain VAE).
+        """The place descriptor: the posterior mean of z_p (of all of z for the plain VAE, the code for the CAE).
 
         Args:
             images: (B, C, H, W) in [0, 1].
 
         Returns:
-            (B, 96) float32; (B, 128) for the VAE.
+            (B, 96) float32; (B, 128) for the VAE and the CAE.
         """
         mean = self.encoder(images).mean
-        return mean if self.config.kind == "vae" else self.split.z_p(mean)
+        return self.split.z_p(mean) if self.config.labelled else mean

@@ -18,6 +18,7 @@ __all__ = [
     "LOG_SIGMA_FLOOR",
     "Weights",
     "c_vae_bound",
+    "cae_objective",
     "cp_vae_bound",
     "gaussian_log_likelihood",
     "label_log_likelihood",
@@ -99,6 +100,19 @@ def cp_vae_bound(
         (B,) in nats.
     """
     return c_vae_bound(image, condition, kl_place, kl_condition, weights) + weights.place * place
+
+
+def cae_objective(images: Tensor, reconstruction: Tensor) -> Tensor:
+    """The negative squared error, the objective of the plain convolutional autoencoder; no bound of anything.
+
+    Args:
+        images: (B, C, H, W).
+        reconstruction: (B, C, H, W).
+
+    Returns:
+        (B,), summed over the pixels of each frame.
+    """
+    return -(images - reconstruction).square().flatten(1).sum(1)
 
 
 def optimal_log_sigma(images: Tensor, reconstruction: Tensor) -> Tensor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,15 @@ from everplace.model.architecture import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.model.tensor_file import load_tensors, save_tensors
 
-__all__ = ["CHECKPOINT_NAME", "HELD_OUT_STEMS", "TRAINED_STEMS", "Checkpoint", "load_checkpoint", "save_checkpoint"]
+__all__ = [
+    "CHECKPOINT_NAME",
+    "HELD_OUT_STEMS",
+    "TRAINED_STEMS",
+    "Checkpoint",
+    "load_checkpoint",
+    "save_checkpoint",
+    "stems_seen",
+]
 
 CHECKPOINT_NAME = "checkpoint"
 TRAINED_STEMS, HELD_OUT_STEMS = "trained_stems", "held_out_stems"
@@ -44,10 +53,25 @@ class Checkpoint:
     @property
     def seen_stems(self) -> frozenset[str]:
         """Stems of all frames that were trained on or chose the epoch; empty where that was not recorded."""
-        lists = [self.about.get(key) for key in (TRAINED_STEMS, HELD_OUT_STEMS)]
-        return frozenset(
-            stem for some in lists if isinstance(some, list | tuple) for stem in some if isinstance(stem, str)
-        )
+        return stems_seen(self.about)
+
+    def settings(self) -> dict[str, str | int | float | bool]:
+        """What tells this model from others: image, how it was trained and chosen, and the hash of its weights."""
+        known = {key: value for key, value in self.about.items() if isinstance(value, str | int | float | bool)}
+        config = self.model.config
+        return {
+            "height": config.height,
+            "width": config.width,
+            "channels": config.channels,
+            **known,
+            "weights": self.sha256[:16],
+        }
+
+
+def stems_seen(about: Mapping[str, Any]) -> frozenset[str]:
+    """The stems that `about` lists as trained on, or as having chosen the epoch."""
+    lists = [about.get(key) for key in (TRAINED_STEMS, HELD_OUT_STEMS)]
+    return frozenset(stem for some in lists if isinstance(some, list | tuple) for stem in some if isinstance(stem, str))
 
 
 def save_checkpoint(run: Path, model: ConditionVAE, about: dict[str, Any]) -> None:

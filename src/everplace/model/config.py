@@ -8,8 +8,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 __all__ = ["MODEL_KINDS", "ModelConfig", "ModelKind"]
 
-ModelKind = Literal["vae", "c-vae", "cp-vae"]
-MODEL_KINDS: tuple[ModelKind, ...] = ("vae", "c-vae", "cp-vae")
+ModelKind = Literal["vae", "c-vae", "cp-vae", "cae"]
+MODEL_KINDS: tuple[ModelKind, ...] = ("vae", "c-vae", "cp-vae", "cae")
+_LABELLED: tuple[ModelKind, ...] = ("c-vae", "cp-vae")
 
 PositiveInt = Annotated[int, Field(gt=0)]
 
@@ -18,12 +19,14 @@ class ModelConfig(BaseModel):
     """The shape of a model; together with its weights it is all that a checkpoint needs.
 
     Attributes:
-        kind: `vae` (Eq. 1), `c-vae` (Eq. 3) or `cp-vae` (Eq. 5).
+        kind: `vae` (Eq. 1), `c-vae` (Eq. 3), `cp-vae` (Eq. 5), or `cae`, a plain convolutional autoencoder.
         height: Image height H in pixels, a multiple of 32.
         width: Image width W in pixels, a multiple of 32.
         channels: 3 for RGB, 1 for grey.
         conditions: Names of the conditions, in the order of the condition head's classes.
-        places: Number of training places, the classes of the place head (`cp-vae` only, else 0).
+        places: Number of training places, the classes of the place head (`cp-vae` only, else 0; 0 too where a
+            contrastive term stands in for the classes).
+        fully_connected: Table 1's chain of fully connected layers; without it z is read off the feature map.
         place_dimensions: Size of z_p, the condition-invariant block (the paper: 96).
         condition_dimensions: Size of z_c, the condition-sensitive block (the paper: 32).
     """
@@ -36,6 +39,7 @@ class ModelConfig(BaseModel):
     channels: Literal[1, 3] = 3
     conditions: tuple[str, ...] = ()
     places: Annotated[int, Field(ge=0)] = 0
+    fully_connected: bool = True
     place_dimensions: PositiveInt = 96
     condition_dimensions: PositiveInt = 32
 
@@ -46,9 +50,9 @@ class ModelConfig(BaseModel):
                 f"image size {self.height}x{self.width} is not a multiple of 32 on both sides; "
                 f"the nearest one is {_nearest(self.height)}x{_nearest(self.width)}"
             )
-        if self.kind != "vae" and len(self.conditions) < 2:
+        if self.labelled and len(self.conditions) < 2:
             raise ValueError(f"{self.kind} needs at least two conditions to tell apart, not {len(self.conditions)}")
-        if self.kind == "cp-vae" and self.places < 2:
+        if self.kind == "cp-vae" and self.places == 1:
             raise ValueError(f"cp-vae needs at least two places to tell apart, not {self.places}")
         return self
 
@@ -56,6 +60,16 @@ class ModelConfig(BaseModel):
     def latent_dimensions(self) -> int:
         """Size of z = [z_p, z_c]."""
         return self.place_dimensions + self.condition_dimensions
+
+    @property
+    def labelled(self) -> bool:
+        """Whether labels divide z into z_p and z_c; else z is one block, and all of it the descriptor."""
+        return self.kind in _LABELLED
+
+    @property
+    def descriptor_dimensions(self) -> int:
+        """Size of the place descriptor: z_p, or all of z."""
+        return self.place_dimensions if self.labelled else self.latent_dimensions
 
 
 def _nearest(side: int) -> int:

@@ -51,24 +51,32 @@ class LatentSplit:
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """q(z|x) = N(mean, diag(exp(log_variance))) for a batch.
+    """q(z|x) = N(mean, diag(exp(log_variance))) for a batch, or the one code of a deterministic encoder.
 
     Attributes:
         mean: (B, D).
-        log_variance: (B, D), natural logarithm.
+        log_variance: (B, D), natural logarithm; None for the code of an autoencoder, which is a point.
     """
 
     mean: Tensor
-    log_variance: Tensor
+    log_variance: Tensor | None
 
     def sample(self, noise: Tensor) -> Tensor:
         """Reparameterised sample, z = mean + std * noise (Kingma and Welling 2014).
 
         Args:
-            noise: (B, D) standard normal; the caller draws it, so that it can be repeated exactly.
+            noise: (B, D) standard normal; the caller draws it, so that it can be repeated exactly. A code needs none.
         """
+        if self.log_variance is None:
+            return self.mean
         return self.mean + torch.exp(0.5 * self.log_variance) * noise
 
     def kl(self) -> Tensor:
-        """KL(q(z|x) || N(0, I)) of each frame and dimension in nats, (B, D), never negative."""
+        """KL(q(z|x) || N(0, I)) of each frame and dimension in nats, (B, D), never negative.
+
+        Raises:
+            ValueError: The posterior is a point, whose divergence from a density is infinite.
+        """
+        if self.log_variance is None:
+            raise ValueError("the code of an autoencoder is a point and has no KL divergence from a density")
         return 0.5 * (self.mean.square() + self.log_variance.exp() - 1.0 - self.log_variance)

@@ -85,6 +85,7 @@ class RunKeeper(lightning.Callback):
             self.progress = self.progress.model_copy(update={"best_epoch": self.progress.epoch, "best_value": value})
             about = {
                 "recipe": self._config.recipe,
+                "remedies": ", ".join(self._config.remedies_in_use()),
                 "seed": self._config.seed,
                 "epoch": self.progress.epoch,
                 "criterion": criterion,
@@ -104,20 +105,22 @@ class RunKeeper(lightning.Callback):
             self._saved = time.monotonic()
 
     def _warn_of_collapse(self, row: dict[str, float]) -> None:
-        if row["epoch"] <= self._config.warmup_epochs:
+        if row["epoch"] <= self._config.warmup_epochs or self._config.model == "cae":
             return
         # What holds a block up: the label that is read from it, or else the image.
         support = {
-            "place": "place" if "place" in row else "image",
-            "condition": "condition" if "condition" in row else "image",
+            "place": "weights.place" if "place" in row else "weights.image",
+            "condition": "weights.condition" if "condition" in row else "weights.image",
         }
+        if "contrastive" in row:
+            support["place"] = "remedies.contrastive"
         for symbol, block in (("z_p", "place"), ("z_c", "condition")):
             if row[f"kl_{block}"] < _ALIVE_NATS and symbol not in self._warned:
                 self._warned.add(symbol)
                 warnings.warn(
                     f"{symbol} has collapsed in epoch {row['epoch']:.0f}: its KL divergence is "
                     f"{row[f'kl_{block}']:.2f} nats with {row[f'active_{block}']:.0f} active dimensions; try a "
-                    f"lower weights.beta_{block}, a longer warmup_epochs or a higher weights.{support[block]}",
+                    f"lower weights.beta_{block}, a longer warmup_epochs or a higher {support[block]}",
                     CollapseWarning,
                     stacklevel=2,
                 )
@@ -183,7 +186,8 @@ class TrainingDisplay(lightning.Callback):
     @staticmethod
     def _terms(row: dict[str, float]) -> str:
         shown = {
-            "bound": "bound", "image": "log p(x|z)", "place": "log p(p|z_p)", "condition": "log p(c|z_c)",
+            "bound": "bound", "image": "log p(x|z)", "place": "log p(p|z_p)", "contrastive": "contrastive",
+            "condition": "log p(c|z_c)",
             "kl_place": "KL z_p", "kl_condition": "KL z_c", "active_place": "active z_p",
             "active_condition": "active z_c", "held_out_recall_at_1": "held-out recall@1",
         }  # fmt: skip

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from everplace.data.augment import Augmentation
+from everplace.data.virtual_places import VirtualPlaces
 from everplace.errors import ConfigError
 from everplace.files import readable, write_text
 from everplace.model.config import ModelKind
@@ -19,13 +20,26 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["CONFIG_FILE", "DEFAULT_EPOCHS", "TermWeights", "TrainConfig", "read_toml", "recipe", "write_config"]
+__all__ = [
+    "CONFIG_FILE",
+    "DEFAULT_EPOCHS",
+    "FitConfig",
+    "Remedies",
+    "TermWeights",
+    "TrainConfig",
+    "read_toml",
+    "recipe",
+    "write_config",
+]
 
 CONFIG_FILE = "config.toml"
 DEFAULT_EPOCHS = 40
 
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+_Config = TypeVar("_Config", bound="FitConfig")
 
 
 class _Section(BaseModel):
@@ -50,26 +64,90 @@ class TermWeights(_Section):
     beta_condition: NonNegative = 1.0
 
 
-class TrainConfig(_Section):
-    """Everything that decides the outcome of a run, beside the images.
+class Remedies(_Section):
+    """What the paper's bound does not have; all of it is off in the recipe `faithful`.
 
     Attributes:
-        model: `vae`, `c-vae` or `cp-vae`.
-        recipe: Name of the recipe that gave the defaults; `faithful` is the paper's bound alone.
+        contrastive: Weight of a contrastive place term between the conditions (InfoNCE on the means of z_p).
+        temperature: Of the contrastive term.
+        virtual: Virtual places for the contrastive term; they have no class, so they need `weights.place = 0`.
+    """
+
+    contrastive: NonNegative = 0.0
+    temperature: Positive = 0.1
+    virtual: VirtualPlaces = VirtualPlaces()
+
+
+class FitConfig(_Section):
+    """What every method that is fitted is told: itself, what of the route it is fitted on, and its seed.
+
+    Attributes:
+        model: The method's name.
         conditions: Traverses or conditions to train on; empty: all of the route.
         frames: `A:B`, as `--frames`; empty: all.
         drop_dark: Leave out dark places.
         drop_stationary: Leave out places that look like the one before.
+        seed: Of all that is random.
+    """
+
+    model: str
+    conditions: tuple[str, ...] = ()
+    frames: str = ""
+    drop_dark: bool = False
+    drop_stationary: bool = False
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+
+    @classmethod
+    def build(cls: type[_Config], /, **values: Any) -> _Config:
+        """Makes a configuration from its defaults and the values given over them.
+
+        Args:
+            values: Fields of this class; tables may be given in part (`weights={"place": 100}`).
+
+        Raises:
+            ConfigError: A key does not exist or a value is out of its range; the message names it.
+        """
+        try:
+            return cls.model_validate(_merge(cls._defaults(values), values))
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"]) or "configuration"
+            message = first["msg"].removeprefix("Value error, ")
+            sections: dict[Any, type[BaseModel]] = {
+                "weights": TermWeights,
+                "augmentation": Augmentation,
+                "remedies": Remedies,
+            }
+            section = sections.get(first["loc"][0], cls) if len(first["loc"]) > 1 else cls
+            known = f"; known are {', '.join(section.model_fields)}" if first["type"] == "extra_forbidden" else ""
+            raise ConfigError(f"{where}: {message}{known}") from None
+
+    @classmethod
+    def _defaults(cls, values: dict[str, Any]) -> dict[str, Any]:  # noqa: ARG003
+        """Defaults that depend on the values."""
+        return {}
+
+
+class TrainConfig(FitConfig):
+    """Everything that decides the outcome of the training of a network, beside the images.
+
+    Attributes:
+        model: `vae`, `c-vae`, `cp-vae` or `cae`.
+        recipe: Name of the recipe that gave the defaults; `faithful` is the paper's bound alone, `best` (CP-VAE only)
+            adds remedies.
         image_size: (H, W), multiples of 32.
         grey: One channel instead of three.
         epochs: Passes over the training frames; exactly one of `epochs` and `minutes` is given.
         minutes: Stop after so much training time.
-        seed: Of weights, order, noise and augmentation.
         batch_size: Frames in one step, over all devices.
         learning_rate: At its highest; it warms up and then falls along a cosine.
+        fully_connected_rate: Learning rate of the fully connected chains, as a fraction of the others'. A step of
+            Adam changes what a layer computes the more, the more inputs it has (Yang et al. 2022).
         weight_decay: Of AdamW.
         warmup_epochs: Epochs over which the KL weights rise from 0 to theirs.
         weights: Weights of the bound's terms.
+        remedies: What the paper's bound does not have.
+        fully_connected: Table 1's chain of fully connected layers; without it z is read off the feature map.
         place_spread: Standard deviation, in places, of the softened place target; 0: one class a frame.
         augmentation: How much training images are changed.
         held_out: Fraction of the training places, at their end, kept out of the gradient to choose the epoch.
@@ -79,21 +157,19 @@ class TrainConfig(_Section):
     """
 
     model: ModelKind
-    recipe: Literal["faithful"] = "faithful"
-    conditions: tuple[str, ...] = ()
-    frames: str = ""
-    drop_dark: bool = False
-    drop_stationary: bool = False
+    recipe: Literal["faithful", "best"] = "faithful"
     image_size: tuple[int, int] = (224, 224)
     grey: bool = False
     epochs: Annotated[int, Field(gt=0)] | None = None
     minutes: Positive | None = None
-    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
     batch_size: Annotated[int, Field(ge=2)] = 32
     learning_rate: Positive = 1e-3
+    fully_connected_rate: Positive = 0.1
     weight_decay: NonNegative = 0.0
     warmup_epochs: NonNegative = 5.0
     weights: TermWeights = TermWeights()
+    remedies: Remedies = Remedies()
+    fully_connected: bool = True
     place_spread: NonNegative = 0.0
     augmentation: Augmentation = Augmentation()
     held_out: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
@@ -117,27 +193,38 @@ class TrainConfig(_Section):
             raise ValueError("give exactly one of epochs and minutes")
         return self
 
+    @model_validator(mode="after")
+    def _places_have_a_term(self) -> TrainConfig:
+        remedies = self.remedies
+        if remedies.contrastive and self.model != "cp-vae":
+            raise ValueError(f"remedies.contrastive needs place labels, which {self.model} does not use; set it to 0")
+        if remedies.virtual != VirtualPlaces() and (self.weights.place or not remedies.contrastive):
+            raise ValueError(
+                "remedies.virtual makes places without a class; set weights.place to 0 and remedies.contrastive above 0"
+            )
+        return self
+
+    @property
+    def has_place_classes(self) -> bool:
+        """Whether the model tells the training places apart as classes, which virtual places have none of."""
+        return self.model == "cp-vae" and self.remedies.virtual == VirtualPlaces()
+
+    def remedies_in_use(self) -> list[str]:
+        """What this configuration has that the paper's model has not, in words; empty for a faithful one."""
+        remedies, virtual = self.remedies, self.remedies.virtual
+        named = {
+            f"contrastive term (temperature {remedies.temperature:g})": bool(remedies.contrastive),
+            f"virtual places (crop {virtual.crop:g}, mirror {virtual.mirror:g}, join {virtual.join:g})": (
+                virtual != VirtualPlaces()
+            ),
+            "no place classes": self.model == "cp-vae" and not self.has_place_classes,
+            "no fully connected chain": not self.fully_connected,
+        }
+        return [name for name, used in named.items() if used]
+
     @classmethod
-    def build(cls, /, **values: Any) -> TrainConfig:
-        """Makes a configuration from a recipe's defaults and the values given over them.
-
-        Args:
-            values: Fields of this class; tables may be given in part (`weights={"place": 100}`).
-
-        Raises:
-            ConfigError: A key does not exist or a value is out of its range; the message names it.
-        """
-        defaults = recipe(str(values.get("model")), str(values.get("recipe", "faithful")))
-        try:
-            return cls.model_validate(_merge(defaults, values))
-        except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"]) or "configuration"
-            message = first["msg"].removeprefix("Value error, ")
-            sections: dict[Any, type[BaseModel]] = {"weights": TermWeights, "augmentation": Augmentation}
-            section = sections.get(first["loc"][0], cls) if len(first["loc"]) > 1 else cls
-            known = f"; known are {', '.join(section.model_fields)}" if first["type"] == "extra_forbidden" else ""
-            raise ConfigError(f"{where}: {message}{known}") from None
+    def _defaults(cls, values: dict[str, Any]) -> dict[str, Any]:
+        return recipe(str(values.get("model")), str(values.get("recipe", "faithful")))
 
 
 def recipe(model: str, name: str) -> dict[str, Any]:
@@ -146,19 +233,30 @@ def recipe(model: str, name: str) -> dict[str, Any]:
     Raises:
         ConfigError: There is no recipe of that name.
     """
-    if name != "faithful":
-        raise ConfigError(f"--recipe {name!r} does not exist; choose faithful")
+    if name not in ("faithful", "best"):
+        raise ConfigError(f"--recipe {name!r} does not exist; choose faithful or best")
+    if name == "best" and model != "cp-vae":
+        raise ConfigError(f"--recipe best is a recipe of cp-vae, not of {model}; choose faithful")
     defaults: dict[str, Any] = {
         "recipe": name,
         "batch_size": 64,
         "weight_decay": 0.1,
-        "augmentation": {"shift": 0.02, "crop": 0.03, "brightness": 0.18, "contrast": 0.35},
+        "augmentation": {"shift": 0.03, "crop": 0.03, "brightness": 0.18, "contrast": 0.35},
     }
     if model == "c-vae":
         defaults["weights"] = {"condition": 100.0}
     if model == "cp-vae":
         defaults["weights"] = {"condition": 100.0, "place": 5000.0}
-    return defaults
+    return {**defaults, **_BEST} if name == "best" else defaults
+
+
+_BEST: dict[str, Any] = {
+    "batch_size": 128,
+    "weights": {"condition": 100.0, "place": 0.0},
+    "remedies": {"contrastive": 5000.0, "virtual": {"crop": 0.3, "mirror": 0.5, "join": 0.5}},
+    "fully_connected": False,
+    "fully_connected_rate": 1.0,
+}
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -179,7 +277,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         ) from None
 
 
-def write_config(run: Path, config: TrainConfig) -> None:
+def write_config(run: Path, config: FitConfig) -> None:
     """Writes config.toml into a run directory."""
     values = config.model_dump(mode="json", exclude_none=True)
     write_text(run / CONFIG_FILE, tomli_w.dumps(values))

@@ -21,21 +21,21 @@ from torch.utils.data import DataLoader
 
 from everplace.data.images import usable_cores
 from everplace.data.route import Route
-from everplace.data.selection import Selection, parse_frames, select
 from everplace.errors import ConfigError, RouteError
-from everplace.files import readable
 from everplace.model.architecture import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.progress import Progress, quiet
 from everplace.training.callbacks import RunKeeper, TrainingDisplay
 from everplace.training.config import TrainConfig
-from everplace.training.frames import Batch, EpochOrder, TrainingFrames, fingerprint, split_route
+from everplace.training.frames import Batch, EpochOrder, SplitRoute, TrainingFrames, fingerprint, split_route
 from everplace.training.module import BoundModule
+from everplace.training.pairs import PairedFrames, PairOrder
 from everplace.training.run_directory import locked, prepare_run, require_same_images, require_usable
+from everplace.training.selection import select_route
 from everplace.training.state import ResumeState, RunProgress, require_fitting, save_state
 from everplace.training.validation import criterion_name
 
-__all__ = ["GRADIENT_NORM", "TrainSummary", "bf16_is_fast", "select_route", "train"]
+__all__ = ["GRADIENT_NORM", "TrainSummary", "bf16_is_fast", "train"]
 
 GRADIENT_NORM = 5.0
 
@@ -110,7 +110,7 @@ def train(
     _model_config(chosen.conditions, min(map(len, chosen.traverses)), config)
     split = split_route(chosen, config, progress)
     model_config = _model_config(split.conditions, split.places, config)
-    frames = TrainingFrames(split, config.augmentation, config.seed)
+    frames = _frames(split, config)
     _require_devices(devices, nodes, min(config.batch_size, len(frames)))
     images = fingerprint(split, progress)
     with locked(out):
@@ -120,7 +120,8 @@ def train(
         end = state.progress if state is not None else RunProgress()
         if not end.finished:
             keeper = RunKeeper(out, config, split, images, end, save_every)
-            module, order = _module(model_config, config, len(frames), state)
+            order = _order(split, config, end.epoch)
+            module = _module(model_config, config, len(order), state)
             trainer = _trainer(config, end, keeper, devices, nodes, _tensorboard(out), show)
             order.share(trainer.global_rank, trainer.world_size)
             with _quiet_lightning():
@@ -142,23 +143,6 @@ def bf16_is_fast(device: str) -> bool:
     return bool(capabilities.get("avx512_bf16") or capabilities.get("amx_bf16") or capabilities.get("bf16"))
 
 
-def select_route(route: Route, config: TrainConfig, progress: Progress = quiet) -> Route:
-    """The traverses and places that a configuration trains on.
-
-    Raises:
-        RouteError: CP-VAE was asked for and the traverses share no place, or nothing is left.
-    """
-    chosen = route.choose(config.conditions) if config.conditions else route
-    if config.model == "cp-vae" and not chosen.aligned:
-        raise RouteError(
-            f"the traverses {', '.join(readable(t.name) for t in chosen.traverses)} of {readable(route.root)} share no "
-            "stem, and cp-vae learns from the same places in several conditions; give the frames of a place the same "
-            "name in each traverse, or train c-vae"
-        )
-    frames = parse_frames(config.frames) if config.frames else None
-    return select(chosen, Selection(frames, config.drop_dark, config.drop_stationary), progress)
-
-
 def _model_config(conditions: tuple[str, ...], places: int, config: TrainConfig) -> ModelConfig:
     height, width = config.image_size
     try:
@@ -167,8 +151,9 @@ def _model_config(conditions: tuple[str, ...], places: int, config: TrainConfig)
             height=height,
             width=width,
             channels=1 if config.grey else 3,
-            conditions=() if config.model == "vae" else conditions,
-            places=places if config.model == "cp-vae" else 0,
+            conditions=conditions if config.model in ("c-vae", "cp-vae") else (),
+            places=places if config.has_place_classes else 0,
+            fully_connected=config.fully_connected,
         )
     except ValidationError as error:
         first = error.errors()[0]
@@ -188,27 +173,43 @@ def _require_devices(devices: int, nodes: int, batch: int) -> None:
         )
 
 
+def _frames(split: SplitRoute, config: TrainConfig) -> TrainingFrames:
+    if config.remedies.contrastive:
+        return PairedFrames(split, config.augmentation, config.remedies.virtual, config.seed)
+    return TrainingFrames(split, config.augmentation, config.seed)
+
+
+def _order(split: SplitRoute, config: TrainConfig, first_epoch: int) -> EpochOrder:
+    frames = sum(len(block.pixels) for block in split.training)
+    if not config.remedies.contrastive:
+        return EpochOrder(frames, config.batch_size, config.seed, first_epoch=first_epoch)
+    traverses = len(split.training)
+    if traverses < 2:
+        raise RouteError("remedies.contrastive needs two traverses of the same places, and there is one; add another")
+    return PairOrder(split.places, traverses, config.batch_size, config.seed, first_epoch=first_epoch)
+
+
 def _module(
-    model_config: ModelConfig, config: TrainConfig, frames: int, state: ResumeState | None
-) -> tuple[BoundModule, EpochOrder]:
+    model_config: ModelConfig, config: TrainConfig, steps_per_epoch: int, state: ResumeState | None
+) -> BoundModule:
     with torch.random.fork_rng():
         torch.manual_seed(config.seed)
         model = ConditionVAE(model_config)
+        if state is None:
+            model.initialise()
     done = state.progress if state is not None else RunProgress()
     if state is not None:
         require_fitting(state, model)
         model.load_state_dict(state.model)
-    order = EpochOrder(frames, config.batch_size, config.seed, first_epoch=done.epoch)
-    module = BoundModule(
+    return BoundModule(
         model,
         config,
-        len(order),
+        steps_per_epoch,
         first_epoch=done.epoch,
         seconds_before=done.seconds,
         has_checkpoint=done.best_epoch > 0,
         optimizer_state=state.optimizer if state is not None else None,
     )
-    return module, order
 
 
 def _trainer(

@@ -145,33 +145,32 @@ class TrainingFrames(Dataset[Batch]):
     def __getitem__(self, key: tuple[int, NDArray[np.int64]]) -> Batch:
         """Returns the frames at the key's positions, augmented as (seed, epoch, position) says."""
         epoch, positions = key
+        pixels, conditions, places = self._read(positions)
+        images = [
+            augment(image, self._augmentation, augmentation_rng(self._seed, epoch, int(position)))
+            for image, position in zip(pixels, positions, strict=True)
+        ]
+        return Batch(torch.from_numpy(np.stack(images)), torch.from_numpy(conditions), torch.from_numpy(places))
+
+    def _read(self, positions: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64]]:
+        """Returns pixels B×H×W×C, conditions (B,) and places (B,) as they are stored."""
         blocks = np.searchsorted(self._starts, positions, side="right") - 1
         rows = positions - self._starts[blocks]
-        images = np.stack(
-            [
-                augment(
-                    self._blocks[block].pixels[row],
-                    self._augmentation,
-                    augmentation_rng(self._seed, epoch, int(position)),
-                )
-                for block, row, position in zip(blocks, rows, positions, strict=True)
-            ]
-        )
+        pixels = np.stack([self._blocks[block].pixels[row] for block, row in zip(blocks, rows, strict=True)])
         conditions = np.array([self._blocks[block].condition for block in blocks], dtype=np.int64)
-        places = rows if self._aligned else np.full_like(rows, -1)
-        return Batch(torch.from_numpy(images), torch.from_numpy(conditions), torch.from_numpy(places))
+        return pixels, conditions, rows if self._aligned else np.full_like(rows, -1)
 
 
 class EpochOrder(Sampler[tuple[int, NDArray[np.int64]]]):
     """The batches of each epoch, a function of (seed, epoch) alone, so that a resumed run sees the same ones.
 
-    With several devices each takes every `world`-th frame of a batch, so the batches do not depend on their number.
-    The frames of the last, smaller batch wait for the next epoch's order.
+    With several devices each takes every `world`-th item of a batch, so the batches do not depend on their number.
+    The items of the last, smaller batch wait for the next epoch's order. An item is a frame, or a pair of frames.
     """
 
-    def __init__(self, frames: int, batch_size: int, seed: int, *, first_epoch: int = 0) -> None:
-        self._frames = frames
-        self._batch = min(batch_size, frames)
+    def __init__(self, items: int, batch: int, seed: int, *, first_epoch: int = 0) -> None:
+        self._items = items
+        self._batch = min(batch, items)
         self._seed = seed
         self._first = first_epoch
         self._epoch = first_epoch
@@ -187,10 +186,14 @@ class EpochOrder(Sampler[tuple[int, NDArray[np.int64]]]):
 
     def __len__(self) -> int:
         """Number of batches in an epoch."""
-        return self._frames // self._batch
+        return self._items // self._batch
 
     def __iter__(self) -> Iterator[tuple[int, NDArray[np.int64]]]:
         """Yields the epoch with the positions of one batch's frames."""
-        order = np.random.default_rng((self._seed, self._epoch)).permutation(self._frames)
+        order = self._draw(np.random.default_rng((self._seed, self._epoch)))
         for start in range(0, len(self) * self._batch, self._batch):
             yield self._epoch, order[start : start + self._batch][self._rank :: self._world]
+
+    def _draw(self, rng: np.random.Generator) -> NDArray[np.int64]:
+        """Returns the positions of all items in a new order."""
+        return rng.permutation(self._items)

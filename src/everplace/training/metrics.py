@@ -24,6 +24,7 @@ _COLUMNS = (
     "image",
     "condition",
     "place",
+    "contrastive",
     "kl_place",
     "kl_condition",
     "active_place",

@@ -6,6 +6,7 @@ import math
 import time
 from collections import defaultdict
 from collections.abc import Mapping
+from itertools import groupby
 from typing import Any
 
 import lightning
@@ -18,6 +19,7 @@ from everplace.model.architecture import ConditionVAE, Output
 from everplace.model.bounds import (
     Weights,
     c_vae_bound,
+    cae_objective,
     cp_vae_bound,
     gaussian_log_likelihood,
     label_log_likelihood,
@@ -28,6 +30,7 @@ from everplace.model.bounds import (
 )
 from everplace.model.images import to_input
 from everplace.model.posterior import ACTIVE_ABOVE
+from everplace.model.remedies import info_nce
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch
 
@@ -53,6 +56,8 @@ def bound_terms(
 ) -> dict[str, Tensor]:
     """The terms of the model's bound for each frame, (B,), and the bound itself under `bound`.
 
+    The plain autoencoder has no bound and no terms; its objective stands under `bound`.
+
     Args:
         model: Says which bound it is.
         images: (B, C, H, W) in [0, 1].
@@ -62,6 +67,8 @@ def bound_terms(
             is left out, as held-out places have no class.
         weights: Weights of the terms.
     """
+    if model.config.kind == "cae":
+        return {"bound": cae_objective(images, output.reconstruction)}
     kl = output.posterior.kl()
     terms = {
         "image": gaussian_log_likelihood(images, output.reconstruction, log_sigma),
@@ -131,8 +138,14 @@ class BoundModule(lightning.LightningModule):
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """AdamW, with the moments of an earlier process if the run is resumed."""
+        chains = {id(parameter) for chain in self.model.fully_connected for parameter in chain.parameters()}
+        # In the model's order, by which the moments of a stopped run are kept.
+        groups: list[dict[str, Any]] = [
+            {"params": list(parameters), "share": self.config.fully_connected_rate if in_chain else 1.0}
+            for in_chain, parameters in groupby(self.parameters(), lambda parameter: id(parameter) in chains)
+        ]
         optimizer = torch.optim.AdamW(
-            self.parameters(), lr=self.config.learning_rate, weight_decay=self.config.weight_decay, fused=True
+            groups, lr=self.config.learning_rate, weight_decay=self.config.weight_decay, fused=True
         )
         if self._optimizer_state is not None:
             groups = optimizer.state_dict()["param_groups"]
@@ -167,7 +180,7 @@ class BoundModule(lightning.LightningModule):
         warm = min(1.0, (progress + 1e-3) / _WARMUP)
         rate = self.config.learning_rate * warm * 0.5 * (1.0 + math.cos(math.pi * progress))
         for group in self.trainer.optimizers[0].param_groups:
-            group["lr"] = rate
+            group["lr"] = rate * group["share"]
         if self.config.minutes is not None and progress >= 1.0:
             self.trainer.should_stop = True
 
@@ -191,7 +204,13 @@ class BoundModule(lightning.LightningModule):
             (batch.conditions, self._place_target(batch)),
             self._weights(batch_idx),
         )
-        loss = -terms["bound"].mean() / images[0].numel()
+        objective = terms["bound"].mean()
+        remedies = self.config.remedies
+        if remedies.contrastive:
+            z_p = self.model.split.z_p(output.posterior.mean)
+            terms["contrastive"] = info_nce(z_p[0::2], z_p[1::2], remedies.temperature)
+            objective = objective + remedies.contrastive * terms["contrastive"].mean()
+        loss = -objective / images[0].numel()
         if not torch.isfinite(loss):
             self.require_finite({**terms, "loss": loss})
         self._remember(terms, images, output)
@@ -218,10 +237,11 @@ class BoundModule(lightning.LightningModule):
         means = {name: value / self._steps for name, value in sums.items()}
         self._sums.clear()
         self._steps = 0
-        kl = means.pop("kl_dimensions")
+        kl = means.pop("kl_dimensions", None)
         row = {name: float(value) for name, value in means.items() if name != "square"}
-        row["active_place"] = float((self.model.split.z_p(kl) > ACTIVE_ABOVE).sum())
-        row["active_condition"] = float((self.model.split.z_c(kl) > ACTIVE_ABOVE).sum())
+        if kl is not None:
+            row["active_place"] = float((self.model.split.z_p(kl) > ACTIVE_ABOVE).sum())
+            row["active_condition"] = float((self.model.split.z_c(kl) > ACTIVE_ABOVE).sum())
         # The sigma that training reached is fixed from here on: a bound is only ever evaluated with it.
         self.model.log_sigma.copy_(soft_clipped_log_sigma(means["square"]))
         row["sigma"] = float(self.model.log_sigma.exp())
@@ -233,7 +253,8 @@ class BoundModule(lightning.LightningModule):
             for name, term in terms.items():
                 self._sums[name] = self._sums[name] + term.mean()
             self._sums["square"] = self._sums["square"] + (images - output.reconstruction).square().mean()
-            self._sums["kl_dimensions"] = self._sums["kl_dimensions"] + output.posterior.kl().mean(0)
+            if output.posterior.log_variance is not None:
+                self._sums["kl_dimensions"] = self._sums["kl_dimensions"] + output.posterior.kl().mean(0)
         self._steps += 1
 
     def _follow_places(self, output: Output, places: Tensor) -> None:

@@ -15,7 +15,7 @@ from everplace.errors import CheckpointError, ConfigError, StorageError
 from everplace.files import readable
 from everplace.model.checkpoint import CHECKPOINT_NAME
 from everplace.model.tensor_file import has_tensors
-from everplace.training.config import CONFIG_FILE, TrainConfig, read_toml, write_config
+from everplace.training.config import CONFIG_FILE, FitConfig, read_toml, write_config
 from everplace.training.state import RESUME, ResumeState, load_state
 
 if sys.platform != "win32":
@@ -61,7 +61,7 @@ def locked(out: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
-def require_usable(out: Path, config: TrainConfig, resume: bool) -> None:
+def require_usable(out: Path, config: FitConfig, resume: bool) -> None:
     """Makes sure that a run may be written to `out`, which is left as it is.
 
     Raises:
@@ -77,7 +77,7 @@ def require_usable(out: Path, config: TrainConfig, resume: bool) -> None:
         _require_same(out, config)
 
 
-def prepare_run(out: Path, config: TrainConfig, resume: bool) -> ResumeState | None:
+def prepare_run(out: Path, config: FitConfig, resume: bool) -> ResumeState | None:
     """Makes the run directory, or checks that what stands there is this run.
 
     Args:
@@ -142,15 +142,17 @@ def _take(descriptor: int) -> bool:
     return True
 
 
-def _require_same(out: Path, config: TrainConfig) -> None:
+def _require_same(out: Path, config: FitConfig) -> None:
     try:
-        before = TrainConfig.model_validate(read_toml(out / CONFIG_FILE))
+        values = read_toml(out / CONFIG_FILE)
+        other = values.get("model", config.model) != config.model and isinstance(values["model"], str)
+        before = FitConfig(model=values["model"]) if other else type(config).model_validate(values)
     except (ConfigError, ValidationError):
         raise CheckpointError(
             f"{readable(out / CONFIG_FILE)} was not written by this version of everplace or was altered; "
             "restore it, or train anew into another directory"
         ) from None
-    for name in TrainConfig.model_fields:
+    for name in ["model"] if other else type(config).model_fields:
         old, new = getattr(before, name), getattr(config, name)
         if old != new:
             raise ConfigError(

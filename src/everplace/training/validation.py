@@ -37,9 +37,9 @@ def validate(model: ConditionVAE, split: SplitRoute, tolerance: int, weights: We
         weights: Weights of the bound's terms; CP-VAE's place term is left out, since these places have no class.
 
     Returns:
-        `held_out_bound`, a mean over frames in nats, and for aligned traverses `held_out_recall_at_1` and
-        `held_out_auc_pr`, means over all ordered pairs of traverses. The bound alone, as NaN, where the model gives
-        numbers that are not finite.
+        `held_out_bound`, a mean over frames in nats (for the CAE its objective), and for aligned traverses
+        `held_out_recall_at_1` and `held_out_auc_pr`, means over all ordered pairs of traverses. The bound alone, as
+        NaN, where the model gives numbers that are not finite.
     """
     was_training = model.training
     model.eval()
@@ -81,6 +81,6 @@ def _encode(model: ConditionVAE, block: FrameBlock, weights: Weights, salt: int)
         conditions = torch.full((len(images),), block.condition, device=device)
         terms = bound_terms(model, images, output, model.log_sigma, (conditions, None), weights)
         mean = output.posterior.mean
-        descriptors.append(mean if model.config.kind == "vae" else model.split.z_p(mean))
+        descriptors.append(model.split.z_p(mean) if model.config.labelled else mean)
         bounds.append(terms["bound"])
     return torch.cat(descriptors).float().cpu(), torch.cat(bounds).float().cpu()

@@ -22,8 +22,8 @@ from everplace.data.render.frame import Drive, Pose, open_drive
 from everplace.data.render.noise import profile
 from everplace.data.render.road import Column
 from everplace.data.render.world import World, make_world
-from everplace.errors import ConfigError, MachineError, StorageError
-from everplace.files import readable, whole_directory
+from everplace.errors import MachineError, StorageError
+from everplace.files import readable, require_free_directory, whole_directory
 from everplace.progress import Progress, quiet
 
 __all__ = ["drive_poses", "render_route", "route_world"]
@@ -79,7 +79,7 @@ def render_route(out: Path, config: RenderConfig, *, progress: Progress = quiet,
         StorageError: The files cannot be written.
         MachineError: A worker was killed.
     """
-    _refuse_occupied(out)
+    require_free_directory(out)
     world = route_world(config)
     with whole_directory(out) as directory, _pool(workers) as pool:
         for condition in config.conditions:
@@ -92,15 +92,6 @@ def render_route(out: Path, config: RenderConfig, *, progress: Progress = quiet,
         (directory / "route.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
         if out.is_dir():
             out.rmdir()  # it was empty; a rename onto it would fail on Windows
-
-
-def _refuse_occupied(out: Path) -> None:
-    try:
-        free = not out.exists() or (out.is_dir() and not any(out.iterdir()))
-    except OSError as error:
-        raise StorageError(f"cannot look into {readable(out)}: {error.strerror}; choose another place") from error
-    if not free:
-        raise ConfigError(f"{readable(out)} already exists and is not empty: choose another place")
 
 
 def _write_traverse(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fnmatch
 import os
 from dataclasses import replace
+from operator import methodcaller
 from pathlib import Path
 
 from everplace.data.images import IMAGE_ENDINGS
@@ -15,10 +16,13 @@ from everplace.data.traverse import Traverse
 from everplace.errors import RouteError
 from everplace.files import readable
 
-__all__ = ["POSES_CSV", "open_traverse", "read_traverses"]
+__all__ = ["POSES_CSV", "TIMES_CSV", "open_traverse", "read_traverses"]
 
 POSES_CSV = "poses.csv"
 """Where the poses of a traverse are, in its directory, unless route.toml names another file."""
+
+TIMES_CSV = "times.csv"
+"""When the frames of a traverse were taken, in its directory: columns stem, seconds."""
 
 _ENDINGS = tuple(sorted(IMAGE_ENDINGS))
 
@@ -112,28 +116,37 @@ def _read_traverse(root: Path, name: str, settings: TraverseToml) -> Traverse:
 def _list_traverse(root: Path, name: str, settings: TraverseToml) -> Traverse:
     """Lists one traverse, without poses."""
     directory = root / name
-    endings = _frames(directory, settings.pattern)
-    if not endings:
+    stems, endings = _frames(directory, settings.pattern)
+    if not stems:
         wanted = f"matches {settings.pattern!r}" if settings.pattern else f"ends in {', '.join(_ENDINGS)}"
         raise RouteError(
             f"the traverse {readable(directory)} is empty: no file in it {wanted}; add its images, remove "
             f"the directory, or name it under `ignore` in {ROUTE_TOML}"
         )
-    stems = tuple(natural_sorted(endings))
-    return Traverse(
-        name=name,
-        condition=settings.condition or name,
-        root=directory,
-        stems=stems,
-        endings=tuple(endings[stem] for stem in stems),
-    )
+    return Traverse(name=name, condition=settings.condition or name, root=directory, stems=stems, endings=endings)
 
 
-def _frames(directory: Path, pattern: str | None) -> dict[str, str]:
-    """Returns the file ending of each stem in a traverse's directory, in no order."""
+def _frames(directory: Path, pattern: str | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Returns the stems in a traverse's directory in natural order, and the file ending of each."""
     names = _list(directory)[1]
     names = _images(names) if pattern is None else fnmatch.filter(names, pattern)
     _refuse_foreign_bytes(directory, names)
+    if ending := _common_ending(names):
+        stems = natural_sorted([name[: -len(ending)] for name in names])
+        return tuple(stems), (ending,) * len(stems)
+    endings = _endings(directory, names)
+    stems = natural_sorted(endings)
+    return tuple(stems), tuple(endings[stem] for stem in stems)
+
+
+def _common_ending(names: list[str]) -> str:
+    """Returns the ending, dot included, that all names have; empty if there is none."""
+    ending = "".join(names[0].rpartition(".")[1:]) if names and "." in names[0] else ""
+    return ending if all(map(methodcaller("endswith", ending), names)) else ""
+
+
+def _endings(directory: Path, names: list[str]) -> dict[str, str]:
+    """Returns the file ending of each stem."""
     known: dict[str, str] = {}
     endings: dict[str, str] = {}
     for name in names:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from everplace.data.traverse import Pose
+from everplace.data.truth import TruthPair
 
 __all__ = ["Content", "Encoded", "ForeignFrame", "ForeignRoute", "ForeignTraverse", "Source", "SourceOptions"]
 
@@ -73,13 +74,18 @@ class ForeignRoute:
         traverses: Opened one after the other; each is read to its end before the next is asked for.
         tolerance: Frames by which a match may be off, if the data set's protocol says so.
         radius: Metres by which a match may be off, if it says so; not beside `tolerance`.
+        truth: Which frames show the same place, where neither stems nor poses tell it: read once, after the
+            traverses, and every frame it names is in them; not beside `tolerance` or `radius`.
         notes: Sentences that the user should read: what was left out and why, licence, protocol.
+        protocol: The published protocol that chose the frames and the tolerance; empty: none.
     """
 
     traverses: Iterator[ForeignTraverse]
     tolerance: int | None = None
     radius: float | None = None
+    truth: Iterator[TruthPair] | None = None
     notes: tuple[str, ...] = ()
+    protocol: str = ""
 
 
 class SourceOptions(BaseModel):

@@ -35,23 +35,18 @@ class VAEDescriber:
         config = checkpoint.model.config
         self.method: str = config.kind
         self.image = ImageSpec((config.height, config.width), grey=config.channels == 1)
-        self.dimension = config.latent_dimensions if config.kind == "vae" else config.place_dimensions
+        self.dimension = config.descriptor_dimensions
         self._device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
         self._model: ConditionVAE = checkpoint.model.to(self._device).eval()
 
+    @property
+    def seen_stems(self) -> frozenset[str]:
+        """Stems of the frames that the model was trained on or chosen by."""
+        return self.checkpoint.seen_stems
+
     def settings(self) -> dict[str, str | int | float | bool]:
         """What tells this model from others: image, how it was trained and chosen, and the hash of its weights."""
-        known = {
-            key: value for key, value in self.checkpoint.about.items() if isinstance(value, str | int | float | bool)
-        }
-        config = self.checkpoint.model.config
-        return {
-            "height": config.height,
-            "width": config.width,
-            "channels": config.channels,
-            **known,
-            "weights": self.checkpoint.sha256[:16],
-        }
+        return self.checkpoint.settings()
 
     def describe(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Describes a batch, B×H×W×C uint8, as B×D float32."""
@@ -66,7 +61,7 @@ class VAEDescriber:
         return self._block(mean), self._block(variance)
 
     def _block(self, values: torch.Tensor) -> NDArray[np.float32]:
-        block = values if self.method == "vae" else self._model.split.z_p(values)
+        block = self._model.split.z_p(values) if self._model.config.labelled else values
         array: NDArray[np.float32] = block.float().cpu().numpy()
         return array
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import http.server
 import threading
@@ -9,7 +10,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-import pytest
 
 
 @dataclass
@@ -31,10 +31,16 @@ class Trouble:
 
 @dataclass
 class FileServer:
-    """What the server has and how it behaves; tests alter it while it runs."""
+    """What the server has and how it behaves; tests alter it while it runs.
+
+    Attributes:
+        content: What any path gives that is not among `files`.
+        gather: Requests wait here for each other before they are answered.
+    """
 
     url: str = ""
     content: bytes = b""
+    files: dict[str, bytes] = field(default_factory=dict)
     etag: str = '"1"'
     last_modified: str = ""
     content_type: str = "application/octet-stream"
@@ -43,6 +49,7 @@ class FileServer:
     with_length: bool = True
     troubles: list[Trouble] = field(default_factory=list)
     requests: list[dict[str, str]] = field(default_factory=list)
+    gather: threading.Barrier | None = None
     most_at_once: int = 0
     sent: int = 0
     release: threading.Event = field(default_factory=threading.Event)
@@ -68,6 +75,8 @@ def handler(server: FileServer) -> type[http.server.BaseHTTPRequestHandler]:
                 server.now += 1
                 server.most_at_once = max(server.most_at_once, server.now)
             try:
+                if server.gather is not None:
+                    server.gather.wait(20)
                 self.answer(trouble)
             except (BrokenPipeError, ConnectionResetError):
                 pass
@@ -83,7 +92,7 @@ def handler(server: FileServer) -> type[http.server.BaseHTTPRequestHandler]:
                 self.send_header("Content-Length", "0")
                 self.end_headers()
                 return
-            content, start = server.content, self.start()
+            content, start = server.files.get(self.path, server.content), self.start()
             if start >= len(content) > 0:
                 self.send_response(416)
                 self.send_header("Content-Range", f"bytes */{len(content)}")
@@ -123,9 +132,9 @@ def handler(server: FileServer) -> type[http.server.BaseHTTPRequestHandler]:
     return Handler
 
 
-@pytest.fixture
-def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[FileServer]:
-    monkeypatch.setenv("no_proxy", "*")
+@contextlib.contextmanager
+def serving() -> Iterator[FileServer]:
+    """Serves on a free port of this machine until it is left."""
     served = FileServer(content=np.random.default_rng(0).bytes(3 * 2**20 + 17))
     listening = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler(served))
     listening.daemon_threads = True

@@ -1,0 +1,99 @@
+"""`everplace data import` and `everplace data list`: routes from data sets and recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+from everplace.cli.options import Json, OutDirectory
+from everplace.cli.output import require_directory, show_progress, show_result, warn
+from everplace.errors import ConfigError
+
+__all__ = ["register"]
+
+
+def register(data: typer.Typer) -> None:
+    """Adds the commands to `everplace data`."""
+    data.command("import")(import_)
+    data.command("list")(list_)
+
+
+def import_(
+    kind: Annotated[str, typer.Argument(metavar="KIND", help="What it is; see everplace data list.")],
+    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="The directory, archive or recording.")],
+    out: OutDirectory,
+    options: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option("--set", metavar="NAME=VALUE", help="An option of the kind; may be given several times."),
+    ] = None,
+    copy: Annotated[bool, typer.Option("--copy", help="Copy image files instead of linking to them.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Turn a data set or recordings into a route.
+
+    Example: everplace data import nordland downloads/nordland --out my-route --set preset=27592
+    """
+    from everplace.data.importing import import_route
+
+    require_directory(out)
+    summary = import_route(kind, source, out, _pairs(options or []), copy=copy, progress=show_progress())
+    result: dict[str, Any] = {
+        "route": str(out),
+        "traverses": dict(summary.traverses),
+        "frames": summary.frames,
+        "linked": summary.linked,
+        "tolerance": summary.tolerance,
+        "radius": summary.radius,
+        "protocol": summary.protocol or None,
+    }
+    if as_json:
+        result["notes"] = list(summary.notes)
+    else:
+        for note in summary.notes:
+            warn(note)
+    show_result(result, as_json)
+
+
+def list_(as_json: Json = False) -> None:
+    """List the kinds of sources that can be imported, with their options.
+
+    Example: everplace data list
+    """
+    from everplace.data.kinds import missing_extras, option_help, source_kinds
+
+    kinds: dict[str, dict[str, Any]] = {
+        name: {
+            "summary": kind.SUMMARY,
+            "missing": [f"pip install 'everplace[{extra}]'" for extra in missing_extras(kind)],
+            "options": option_help(kind.Options),
+        }
+        for name, kind in source_kinds().items()
+    }
+    if as_json:
+        show_result(kinds, as_json)
+        return
+    for name, kind in kinds.items():
+        print(f"{name}: {kind['summary']}")
+        for option, text in kind["options"].items():
+            print(f"    --set {option}=...  {text}")
+        if kind["missing"]:
+            print(f"    part of it needs {', '.join(kind['missing'])}")
+
+
+def _pairs(given: list[str]) -> dict[str, str]:
+    """Splits `name=value`.
+
+    Raises:
+        ConfigError: There is no `=`, or a name comes twice.
+    """
+    pairs: dict[str, str] = {}
+    for text in given:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ConfigError(f"--set {text!r} is not NAME=VALUE; write it like --set size=64x32")
+        if name in pairs:
+            raise ConfigError(f"--set {name} is given twice; keep one (a list's items are separated by commas)")
+        pairs[name] = value
+    return pairs

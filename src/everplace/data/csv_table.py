@@ -1,0 +1,101 @@
+"""CSV files that give numbers by name: poses, times."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from everplace.errors import RouteError
+from everplace.files import readable
+
+__all__ = ["TableRow", "read_columns", "read_table"]
+
+
+class TableRow(NamedTuple):
+    """One row.
+
+    Attributes:
+        path: The file.
+        number: The row, counted from 1 with the header.
+        key: What the key's column says.
+        numbers: The finite numbers of the other columns.
+    """
+
+    path: Path
+    number: int
+    key: str
+    numbers: tuple[float, ...]
+
+    def wrong(self, what: str) -> RouteError:
+        """Returns an error that names the file and the row."""
+        return RouteError(f"{readable(self.path)}, row {self.number} {what}")
+
+
+def read_table(path: Path, key: str, numbers: Sequence[str], remedy: str) -> Iterator[TableRow]:
+    """Reads a UTF-8 CSV file whose first line names its columns, in any order; others are passed over.
+
+    Args:
+        path: The file.
+        key: The column that names the row.
+        numbers: The columns of numbers.
+        remedy: What to do if the file is missing.
+
+    Raises:
+        RouteError: The file is missing or malformed, lacks a column, or holds a number that is not finite.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            lines = csv.reader(file, strict=True)
+            columns = _find_columns(path, lines, (key, *numbers))
+            for number, line in enumerate(lines, start=2):
+                if line:
+                    yield _read_row(path, number, line, columns, (key, *numbers))
+    except OSError as error:
+        raise RouteError(f"cannot read {readable(path)}: {error.strerror or error}; {remedy}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise RouteError(f"{readable(path)} is not a UTF-8 CSV file ({error}); export it again") from error
+
+
+def read_columns(path: Path) -> list[str]:
+    """Reads which columns the first line of a CSV file names.
+
+    Raises:
+        RouteError: The file is missing or no UTF-8 CSV file.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return [name.strip() for name in next(csv.reader(file, strict=True), [])]
+    except OSError as error:
+        raise RouteError(f"cannot read {readable(path)}: {error.strerror or error}; check the file") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise RouteError(f"{readable(path)} is not a UTF-8 CSV file ({error}); export it again") from error
+
+
+def _find_columns(path: Path, lines: Iterator[list[str]], wanted: Sequence[str]) -> list[int]:
+    header = [name.strip() for name in next(lines, [])]
+    absent = [name for name in wanted if name not in header]
+    if absent:
+        raise RouteError(
+            f"{readable(path)} lacks the column {absent[0]!r} in its first line; it must name {', '.join(wanted)}"
+        )
+    return [header.index(name) for name in wanted]
+
+
+def _read_row(path: Path, number: int, line: list[str], columns: list[int], names: Sequence[str]) -> TableRow:
+    try:
+        key, *texts = (line[column] for column in columns)
+        row = TableRow(path, number, key, tuple(map(float, texts)))
+    except (IndexError, ValueError) as error:
+        raise RouteError(
+            f"{readable(path)}, row {number} must hold a {names[0]} and {_count(len(names) - 1)}; correct it"
+        ) from error
+    if not all(map(math.isfinite, row.numbers)):
+        raise row.wrong("holds a number that is not finite; correct it or leave the frame out")
+    return row
+
+
+def _count(numbers: int) -> str:
+    return {1: "a number", 3: "three numbers"}.get(numbers, f"{numbers} numbers")

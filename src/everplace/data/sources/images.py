@@ -1,0 +1,95 @@
+"""Directories of images, one for each drive, whose names say nothing about places.
+
+Images that a camera wrote are in natural order of their names (`9 < 10`). A directory may hold `times.csv` (columns
+stem, seconds) and `poses.csv` (columns x, y in metres, heading in radians, and stem or seconds).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.data.csv_table import read_columns, read_table
+from everplace.data.images import IMAGE_ENDINGS
+from everplace.data.poses import read_poses
+from everplace.data.sources.folder import POSES_CSV, TIMES_CSV, open_traverse
+from everplace.data.sources.pose_track import PoseTrack, read_pose_track, with_poses
+from everplace.data.sources.protocol import ForeignFrame, ForeignRoute
+from everplace.data.sources.recording import Drive, RecordingOptions, list_directories, list_directory, recorded_route
+from everplace.data.traverse import Pose, Traverse
+from everplace.errors import RouteError
+from everplace.files import readable
+
+__all__ = ["SUMMARY", "Options", "read"]
+
+SUMMARY = "a directory of images, or a directory of such directories, one for each drive"
+
+Options = RecordingOptions
+
+
+def read(source: Path, options: RecordingOptions) -> ForeignRoute:
+    """Opens one or several directories of images.
+
+    Raises:
+        RouteError: There is no image, two images share a stem, or times or poses are wrong or missing for some.
+        ConfigError: There are not as many conditions as directories.
+    """
+    if not source.is_dir():
+        raise RouteError(f"{readable(source)} is not a directory; give a directory of images")
+    directories = list_directories(source)
+    if list_directory(source, IMAGE_ENDINGS):
+        # A name of its own even where the source is given as `.`
+        return recorded_route(source, [_open(source.absolute(), options)], options, _left_out(directories))
+    holding = [directory for directory in directories if list_directory(directory, IMAGE_ENDINGS)]
+    if not holding:
+        raise RouteError(f"{readable(source)} holds no image, nor do its directories; give a directory of images")
+    others = [directory for directory in directories if directory not in holding]
+    return recorded_route(source, [_open(directory, options) for directory in holding], options, _left_out(others))
+
+
+def _left_out(directories: Sequence[Path]) -> tuple[str, ...]:
+    if not directories:
+        return ()
+    return (f"Directories that were not read: {', '.join(readable(directory.name) for directory in directories)}.",)
+
+
+def _open(directory: Path, options: RecordingOptions) -> Drive:
+    traverse = open_traverse(directory)
+    poses = directory / POSES_CSV
+    track: PoseTrack | None = None
+    named: NDArray[np.float64] | None = None
+    if poses.exists():
+        if "seconds" in read_columns(poses):
+            track = read_pose_track(poses)
+        else:
+            named = read_poses(poses, traverse.stems)
+    frames = with_poses(_frames(traverse, _times(traverse), named), track, options, traverse.name)
+    count = None if track is not None and options.without_pose == "drop" else len(traverse)
+    return Drive(traverse.name, frames, count)
+
+
+def _times(traverse: Traverse) -> Mapping[str, float] | None:
+    """Returns the time of each frame, if there is a table of them."""
+    path = traverse.root / TIMES_CSV
+    if not path.exists():
+        return None
+    times: dict[str, float] = {}
+    for row in read_table(path, "stem", ("seconds",), "check the file"):
+        if row.key in times:
+            raise row.wrong(f"names the stem {row.key!r} a second time; keep one time for each frame")
+        times[row.key] = row.numbers[0]
+    missing = next((stem for stem in traverse.stems if stem not in times), None)
+    if missing is not None:
+        raise RouteError(f"{readable(path)} has no time for the frame {missing!r}; add a row for each frame")
+    return times
+
+
+def _frames(
+    traverse: Traverse, times: Mapping[str, float] | None, poses: NDArray[np.float64] | None
+) -> Iterator[ForeignFrame]:
+    for number, (stem, path) in enumerate(zip(traverse.stems, traverse.paths, strict=True)):
+        pose = None if poses is None else Pose(*poses[number].tolist())
+        yield ForeignFrame(stem, path, pose, None if times is None else times[stem])

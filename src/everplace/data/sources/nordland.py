@@ -1,0 +1,295 @@
+"""Nordland: one railway journey in four seasons, in the forms in which it circulates.
+
+| form | what lies there |
+|---|---|
+| `seasons` | directories or archives `<season>` with `images-00001.png` (OpenSeqSLAM, 64×32; the full frames) |
+| `olid` | `{train,test}/<season>_images_<split>/section<k>/<n>.png` |
+| `at` | `{database,queries}/@0@<north>@@@@@<n>@@@@@@@@.jpg` |
+| `parquet` | `*.parquet` with an image, a season and a number in each row |
+| `video` | one video a season |
+
+The same stem in two seasons is the same place in each of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Protocol
+
+from pydantic import BeforeValidator
+
+from everplace.data.image_stores import ImageStore, files_below, open_stores
+from everplace.data.images import ImageSpec, decode_encoded, decode_image, resize_image
+from everplace.data.natural_order import natural_sorted
+from everplace.data.sources._nordland_names import (
+    SEASONS,
+    Named,
+    at_frame,
+    olid_frame,
+    read_list,
+    season_frame,
+)
+from everplace.data.sources._nordland_presets import PRESETS, choose_frames
+from everplace.data.sources.protocol import Encoded, ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.errors import ConfigError, RouteError
+from everplace.files import readable
+
+__all__ = ["EXTRAS", "SUMMARY", "Options", "read"]
+
+SUMMARY = "Nordland: a railway journey in four seasons"
+
+EXTRAS = {"pyarrow": "parquet", "av": "video"}
+"""Which extra brings the package that a form needs."""
+
+_LISTS = ("nordland_imageNames.txt", "cleanImageNames.txt")
+_LICENCE = (
+    "Nordland was filmed by the Norwegian Broadcasting Corporation (NRK); licence claims differ between copies, so "
+    "treat it as non-commercial."
+)
+
+
+def _pixels(value: Any) -> Any:
+    """Reads `64x32` (width × height) as (H, W)."""
+    if not isinstance(value, str):
+        return value
+    width, _, height = value.lower().replace("×", "x").partition("x")
+    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 8192 and 0 < int(height) <= 8192):
+        raise ValueError("it is not WIDTHxHEIGHT in pixels, like 64x32")
+    return int(height), int(width)
+
+
+class Options(SourceOptions):
+    """Options of the kind.
+
+    Attributes:
+        form: seasons, olid, at, parquet or video; by default what lies there decides.
+        seasons: Which seasons to take, such as summer,winter; by default all.
+        preset: A published protocol: 27592, 2760, olid or paper; sets frames and tolerance.
+        list: Files that list the frames to take, by file name; several where each season has its own.
+        split: The part of the Olid partition: train, test or both.
+        size: Resize while reading, such as 64x32 (width × height); by default as stored.
+        database: The season of `database/` in the `@`-naming.
+        queries: The season of `queries/` in the `@`-naming.
+    """
+
+    form: Literal["", "seasons", "olid", "at", "parquet", "video"] = ""
+    seasons: tuple[Literal["spring", "summer", "fall", "winter"], ...] = ()
+    preset: Literal["", "27592", "2760", "olid", "paper"] = ""
+    list: tuple[Path, ...] = ()
+    split: Literal["both", "train", "test"] = "both"
+    size: Annotated[tuple[int, int] | None, BeforeValidator(_pixels)] = None
+    database: Literal["spring", "summer", "fall", "winter"] = "summer"
+    queries: Literal["spring", "summer", "fall", "winter"] = "winter"
+
+
+class Copy(Protocol):
+    """A copy of the data set, whatever its form.
+
+    Attributes:
+        stems: The frames of each season.
+        tolerance: Frames by which a match may be off, if the copy tells.
+        notes: Sentences for the user.
+    """
+
+    stems: dict[str, list[str]]
+    tolerance: int | None
+    notes: tuple[str, ...]
+
+    def read(self, season: str, stems: Sequence[str]) -> Iterator[ForeignFrame]:
+        """Reads these frames of a season, in an order that suits the copy."""
+        ...
+
+
+def read(source: Path, options: Options) -> ForeignRoute:
+    """Opens a copy of Nordland.
+
+    Raises:
+        RouteError: It is not in a known form, is damaged, or lacks frames that a list or preset names.
+        ConfigError: Two options do not go together.
+        MissingExtraError: The form needs a package that is not installed.
+    """
+    if options.preset == "olid" and options.split == "train":
+        raise ConfigError("preset olid is about the test split; leave out --set split=train")
+    copy = _open(source, options)
+    preset = PRESETS.get(options.preset)
+    stems = {season: copy.stems[season] for season in _seasons(options) if season in copy.stems}
+    absent = set(options.seasons).difference(stems)
+    if absent or not stems:
+        raise RouteError(
+            f"{readable(source)} holds {', '.join(copy.stems)}, but not {min(absent or _seasons(options))}; "
+            "choose others with --set seasons"
+        )
+    lists = options.list or (_find_list(source) if preset is not None and preset.wants_list else ())
+    stems = _listed(stems, lists, source)
+    if options.preset:
+        stems = choose_frames(options.preset, stems)
+    notes = [*copy.notes, _LICENCE]
+    if lists and not options.list:
+        notes.insert(0, f"The list {readable(lists[0])} was used.")
+    return ForeignRoute(
+        traverses=(
+            ForeignTraverse(season, _resized(copy.read(season, names), options.size, source), count=len(names))
+            for season, names in stems.items()
+        ),
+        tolerance=copy.tolerance if preset is None else preset.tolerance,
+        notes=tuple(notes) if preset is None else (preset.note, *notes),
+        protocol="" if preset is None else preset.protocol,
+    )
+
+
+def _seasons(options: Options) -> tuple[str, ...]:
+    if options.preset == "2760":
+        return ("summer", "winter")
+    return tuple(season for season in SEASONS if season in (options.seasons or SEASONS))
+
+
+def _open(source: Path, options: Options) -> Copy:
+    """Opens the copy in the form that was chosen or lies there."""
+    from everplace.data.sources._nordland_parquet import ParquetCopy
+    from everplace.data.sources._nordland_video import VIDEO_ENDINGS, VideoCopy
+
+    copies: list[tuple[str, tuple[str, ...], Callable[[Path, Sequence[Path], str], Copy]]] = [
+        ("parquet", (".parquet",), ParquetCopy),
+        ("video", VIDEO_ENDINGS, VideoCopy),
+    ]
+    for form, endings, open_copy in copies:
+        if options.form not in ("", form):
+            continue
+        files = _files(source, endings)
+        if files:
+            return open_copy(source, files, "test" if options.preset == "olid" else options.split)
+        if options.form:
+            raise RouteError(f"{readable(source)} holds no file that ends in {' or '.join(endings)}; check the path")
+    return _Images(source, open_stores(source), options)
+
+
+def _files(source: Path, endings: tuple[str, ...]) -> list[Path]:
+    """Returns the files of these endings: the source itself, or those in it and one directory below."""
+    if source.is_dir():
+        return [source / name for name in files_below(source, lambda name: name.lower().endswith(endings), 1)]
+    return [source] if source.name.lower().endswith(endings) else []
+
+
+class _Images:
+    """A copy that consists of image files, in directories or archives."""
+
+    def __init__(self, source: Path, stores: Sequence[ImageStore], options: Options) -> None:
+        parse = _parser(source, stores, options.form)
+        self.tolerance: int | None = None
+        self._stores = stores
+        self._where: dict[str, dict[str, tuple[int, str]]] = {}
+        nowhere: list[str] = []
+        furthest = Named("", "0")
+        at = {"database": options.database, "queries": options.queries}
+        split = "test" if options.preset == "olid" else options.split
+        for index, store in enumerate(stores):
+            label = _label(store.path)
+            for name in store.names:
+                frame = parse(f"{label}/{name}")
+                if frame is None or not frame.season:
+                    nowhere.append(name)
+                    continue
+                if frame.split and split not in ("both", frame.split):
+                    continue
+                season = at.get(frame.season, frame.season)
+                frames = self._where.setdefault(season, {})
+                if frame.stem in frames:
+                    other = frames[frame.stem][1]
+                    raise RouteError(
+                        f"{readable(source)} holds {other!a} and {name!a}, the same frame of {season} twice; "
+                        "keep one of them"
+                    )
+                frames[frame.stem] = (index, name)
+                furthest = max(furthest, frame, key=lambda frame: frame.north)
+        if not self._where:
+            raise RouteError(f"{readable(source)} holds no frame of the split that was asked for")
+        if furthest.north:
+            # The copy's metres are made up so that frames within the tolerance are within 25 m.
+            self.tolerance = int(25.0 * int(furthest.stem) / furthest.north)
+        self.stems = {season: natural_sorted(frames) for season, frames in self._where.items()}
+        self.notes = _left_out(nowhere)
+
+    def read(self, season: str, stems: Sequence[str]) -> Iterator[ForeignFrame]:
+        """Reads store by store."""
+        wanted: dict[int, dict[str, str]] = {}
+        for stem in stems:
+            index, name = self._where[season][stem]
+            wanted.setdefault(index, {})[name] = stem
+        for index, names in wanted.items():
+            for name, content in self._stores[index].read(names):
+                yield ForeignFrame(names[name], content)
+
+
+def _parser(source: Path, stores: Sequence[ImageStore], form: str) -> Callable[[str], Named | None]:
+    """Returns what reads the names of this form."""
+    parsers: dict[str, Callable[[str], Named | None]] = {"olid": olid_frame, "at": at_frame, "seasons": season_frame}
+    for name in [form] if form else parsers:
+        parse = parsers[name]
+        for store in stores:
+            label = _label(store.path)
+            if any((frame := parse(f"{label}/{name}")) is not None and frame.season for name in store.names):
+                return parse
+    what = f"form {form}" if form else "known form"
+    raise RouteError(
+        f"{readable(source)} holds images, but Nordland in no {what}: no directory or archive is named after a season; "
+        "see everplace data list"
+    )
+
+
+def _label(path: Path) -> str:
+    """What the name of a store adds to the names in it: it may be the only one to tell the season."""
+    return path.absolute().name.split(".")[0]
+
+
+def _left_out(names: Sequence[str]) -> tuple[str, ...]:
+    if not names:
+        return ()
+    return (f"{len(names)} images were left out that are no frames of a season, the first is {names[0]!a}.",)
+
+
+def _find_list(source: Path) -> tuple[Path, ...]:
+    """Returns the list that comes with a copy, if it does."""
+    places = (source, source / "dataset_imageNames", source.absolute().parent / "dataset_imageNames")
+    return next(((place / name,) for place in places for name in _LISTS if (place / name).is_file()), ())
+
+
+def _listed(stems: dict[str, list[str]], lists: Sequence[Path], source: Path) -> dict[str, list[str]]:
+    """Returns the frames that the lists name, by name."""
+    if not lists:
+        return stems
+    wanted: dict[str, dict[str, None]] = {season: {} for season in stems}
+    for path in lists:
+        for frame in read_list(path):
+            for season in [frame.season] if frame.season else stems:
+                if season in wanted:
+                    wanted[season][frame.stem] = None
+    for season, names in wanted.items():
+        if not names:
+            raise RouteError(
+                f"no list names a frame of {season}; add its list to --set list, or choose others with --set seasons"
+            )
+        missing = set(names).difference(stems[season])
+        if missing:
+            raise RouteError(
+                f"{season} in {readable(source)} lacks {len(missing)} of the {len(names)} frames that the list names, "
+                f"the first is {natural_sorted(missing)[0]!a}; take the list that belongs to this copy"
+            )
+    return {season: natural_sorted(names) for season, names in wanted.items()}
+
+
+def _resized(frames: Iterator[ForeignFrame], size: tuple[int, int] | None, source: Path) -> Iterator[ForeignFrame]:
+    """Decodes and resizes frames on their way, if a size is wanted."""
+    if size is None:
+        yield from frames
+        return
+    spec = ImageSpec(size)
+    for frame in frames:
+        content = frame.content
+        if isinstance(content, Path):
+            pixels = decode_image(content, spec)
+        elif isinstance(content, Encoded):
+            pixels = decode_encoded(f"the frame {frame.stem} of {readable(source)}", content.data, spec)
+        else:
+            pixels = resize_image(content, size)
+        yield frame._replace(content=pixels)

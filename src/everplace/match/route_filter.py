@@ -1,0 +1,233 @@
+"""Where on the route the robot is, from the frames so far: the forward recursion of `RouteModel`.
+
+`RouteFilter` takes one frame after the other and remembers all; `filter_windows` answers every frame of a traverse
+from the last L frames alone.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.data.images import usable_cores
+from everplace.errors import ConfigError, DescriptorsError
+from everplace.match.route_model import RouteModel, checked_scores, likelihood_ratios
+
+__all__ = ["Answer", "Belief", "RouteFilter", "answer", "filter_windows"]
+
+_BLOCK = 1 << 16  # states handled at once: half a MiB, which stays in a core's cache
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Where one frame was taken.
+
+    Attributes:
+        place: The most probable place, an index into the database.
+        probability: That the frame shows this place or one of its `reach` neighbours on either side, in [0, 1].
+        on_map: Probability that the robot is on the map at all, in [0, 1].
+    """
+
+    place: int
+    probability: float
+    on_map: float
+
+    @property
+    def lost(self) -> bool:
+        """Whether the robot is more probably not on the map."""
+        return self.on_map < 0.5
+
+
+@dataclass(slots=True, eq=False)
+class Belief:
+    """The probability of every state of B robots that know nothing of each other; it sums to 1 for each.
+
+    Attributes:
+        on: B×2×N: driving along (0) or against (1) the order of the database, at each place.
+        off: B: not on the map.
+    """
+
+    on: NDArray[np.float64]
+    off: NDArray[np.float64]
+
+    @classmethod
+    def start(cls, model: RouteModel, robots: int, places: int) -> Belief:
+        """Before the first frame: anywhere, in either direction."""
+        return cls(np.full((robots, 2, places), model.start / (2 * places)), np.full(robots, 1 - model.start))
+
+    def __getitem__(self, rows: slice) -> Belief:
+        """The same probabilities of some of the robots, not copied."""
+        return Belief(self.on[rows], self.off[rows])
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """B×N: the probability of every place, in whatever direction."""
+        both: NDArray[np.float64] = self.on.sum(axis=1)
+        return both
+
+    def move(self, model: RouteModel, exits: NDArray[np.float64]) -> None:
+        """Lets the time of one frame pass.
+
+        Args:
+            model: The motion.
+            exits: `model.exits(N)`.
+        """
+        places = self.on.shape[-1]
+        total = self.on.sum(axis=(1, 2))
+        anywhere = (model.jump * total + model.enter * self.off) / (2 * places)
+        self.off[:] = (1 - model.enter) * self.off + np.einsum("bdn,dn->b", self.on, exits)
+        headed = model.turned(self.on)
+        headed *= model.stay
+        np.multiply(headed, model.steps[0], out=self.on)
+        for offset, probability in enumerate(model.steps[1:places], start=1):
+            moved = headed * probability
+            self.on[:, 0, offset:] += moved[:, 0, :-offset]
+            self.on[:, 1, :-offset] += moved[:, 1, offset:]
+        self.on += anywhere[:, None, None]
+
+    def see(self, ratios: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Weighs the places by one frame each.
+
+        Args:
+            ratios: B×N, of `likelihood_ratios`.
+
+        Returns:
+            B: the log-likelihood ratio of the frame, given those before, to a frame off the map.
+        """
+        self.on *= ratios[:, None, :]
+        total: NDArray[np.float64] = self.on.sum(axis=(1, 2)) + self.off
+        self.on /= total[:, None, None]
+        self.off /= total
+        return np.log(total)
+
+
+class RouteFilter:
+    """Answers frame by frame, from all frames so far.
+
+    Memory is that of a few numbers a place; a frame costs time in proportion to the number of places.
+    """
+
+    def __init__(self, places: int, model: RouteModel | None = None, *, reach: int = 1) -> None:
+        """Starts anywhere on the map or off it.
+
+        Args:
+            places: N, the number of database frames, in the order of travel.
+            model: The assumptions; None: the defaults.
+            reach: Neighbours on either side that `Answer.probability` counts as the same place.
+
+        Raises:
+            ConfigError: There is no place, or `reach` is negative.
+        """
+        if places < 1 or reach < 0:
+            raise ConfigError(
+                f"a route of {places} places with a reach of {reach} is not possible; give 1 and 0 or more"
+            )
+        self.model = RouteModel() if model is None else model
+        self.reach = reach
+        self._belief = Belief.start(self.model, 1, places)
+        self._exits = self.model.exits(places)
+        self._frames = 0
+
+    def update(self, scores: NDArray[Any]) -> Answer:
+        """Takes the next frame.
+
+        Args:
+            scores: N scores of the frame against the database, higher = more alike; NaN: none.
+
+        Returns:
+            Where it was taken.
+
+        Raises:
+            DescriptorsError: There are not N scores.
+        """
+        places = self._belief.on.shape[-1]
+        if np.shape(scores) != (places,):
+            raise DescriptorsError(
+                f"a frame of scores of shape {np.shape(scores)} does not fit a map of {places} places"
+            )
+        if self._frames:
+            self._belief.move(self.model, self._exits)
+        self._belief.see(likelihood_ratios(scores, self.model)[None])
+        self._frames += 1
+        return answer(self.probabilities, self.reach)
+
+    @property
+    def probabilities(self) -> NDArray[np.float64]:
+        """N: the probability of every place after the last frame; what is missing to 1 is "not on the map"."""
+        known: NDArray[np.float64] = self._belief.places[0]
+        return known
+
+
+def answer(probabilities: NDArray[np.float64], reach: int) -> Answer:
+    """Reads an answer off the probabilities of the N places."""
+    place = int(probabilities.argmax())
+    near = probabilities[max(place - reach, 0) : place + reach + 1].sum()
+    return Answer(place, min(float(near), 1.0), min(float(probabilities.sum()), 1.0))
+
+
+def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None) -> NDArray[np.float32]:
+    """Scores every place by the last L frames alone.
+
+    Each query has a filter of its own that knows nothing before frame i-L+1: fewer frames at the start. With L of
+    at least M it is `RouteFilter`.
+
+    Args:
+        S: M×N scores; rows and columns in the order of travel; NaN: none.
+        length: Number of frames L, at least 1.
+        model: The assumptions; None: the defaults.
+
+    Returns:
+        M×N: log-odds log(p / (1 - p)) of p = P(the robot is at place j | frames i-L+1 to i), finite.
+
+    Raises:
+        ConfigError: `length` is below 1.
+        DescriptorsError: S is no matrix of numbers.
+    """
+    if length < 1:
+        raise ConfigError(f"--sequence {length} is not possible; give a number of frames of at least 1")
+    S = checked_scores(S)
+    known = RouteModel() if model is None else model
+    length = min(length, len(S))
+    out = np.empty(S.shape, np.float32)
+    exits = known.exits(S.shape[1])
+    size = max(1, _BLOCK // S.shape[1])
+
+    def fill(start: int) -> None:
+        rows = slice(start, min(start + size, len(S)))
+        belief = _last_frames(S, rows, length, known, exits)
+        out[rows] = log_odds(belief)
+
+    with ThreadPoolExecutor(usable_cores(), "everplace-sequence") as pool:
+        for _ in pool.map(fill, range(0, len(S), size)):
+            pass
+    return out
+
+
+def log_odds(belief: Belief) -> NDArray[np.float64]:
+    """Returns B×N log(p / (1 - p)); 1 - p is summed up from the other states, so that certainty keeps its digits."""
+    p = belief.places
+    rest = np.zeros_like(p)
+    np.cumsum(p[:, :-1], axis=1, out=rest[:, 1:])
+    rest[:, :-1] += np.cumsum(p[:, :0:-1], axis=1)[:, ::-1]
+    rest += belief.off[:, None]
+    odds: NDArray[np.float64] = np.log(p) - np.log(rest)
+    return odds
+
+
+def _last_frames(S: NDArray[Any], rows: slice, length: int, model: RouteModel, exits: NDArray[np.float64]) -> Belief:
+    """The belief of every row from its last `length` frames."""
+    first = max(rows.start - length + 1, 0)
+    ratios = likelihood_ratios(S[first : rows.stop], model)
+    belief = Belief.start(model, rows.stop - rows.start, S.shape[1])
+    for ago in range(length - 1, -1, -1):
+        begun = max(ago - rows.start, 0)  # the robots before it have no frame so long ago
+        if begun >= rows.stop - rows.start:
+            continue
+        if ago < length - 1:
+            belief[max(ago + 1 - rows.start, 0) :].move(model, exits)
+        belief[begun:].see(ratios[rows.start + begun - ago - first : rows.stop - ago - first])
+    return belief

@@ -1,0 +1,141 @@
+"""The hidden Markov model of a drive along a known route: where the robot is, how it moves, what it sees.
+
+States are (place, direction of travel) for N places and two directions, and one state "not on the map". Each frame
+brings N scores, of any method. The idea of a state off the map beside the places of a route is that of Xu,
+Fischer, Sünderhauf and Milford, "Probabilistic Appearance-Invariant Topometric Localization with New Place
+Awareness", IEEE RA-L 6(4), 2021; motion and emission here need no odometry and no training.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.errors import ConfigError, DescriptorsError
+
+__all__ = ["RouteModel", "checked_scores", "likelihood_ratios"]
+
+_LARGEST = 50.0  # nats a frame may speak for a place: e^50 times a few hundred stays a double
+
+
+@dataclass(frozen=True)
+class RouteModel:
+    """What is assumed of a drive; probabilities are for one frame to the next.
+
+    Attributes:
+        steps: Probability of moving by 0, 1, 2, ... places in the direction of travel; they sum to 1. 0 is a stop.
+        turn: Probability of turning round.
+        jump: Probability of being somewhere else on the map, anywhere: a kidnapped robot, a gap in the recording.
+        leave: Probability of leaving the map. Who drives past its first or last place leaves it as well.
+        enter: Probability of coming onto the map, anywhere, for a robot that is not on it.
+        separation: By how many standard deviations of a frame's scores its true place scores above their mean.
+        outlier: Share of frames whose scores say nothing about the true place: glare, a lorry, a wiper.
+        doubt: Nats by which each frame counts against being on the map. Neighbouring frames look alike, so that along
+            some path scores agree by chance more often than the model's independent frames would.
+    """
+
+    steps: tuple[float, ...] = (0.1, 0.75, 0.15)
+    turn: float = 0.01
+    jump: float = 0.001
+    leave: float = 0.01
+    enter: float = 0.1
+    separation: float = 2.5
+    outlier: float = 0.2
+    doubt: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Refuses values that are no probabilities.
+
+        Raises:
+            ConfigError: A probability is outside (0, 1), `steps` do not sum to 1, `separation` is not
+                positive, or `doubt` is negative.
+        """
+        for name in ("turn", "jump", "leave", "enter", "outlier"):
+            if not 0 < getattr(self, name) < 1:
+                raise ConfigError(f"{name} = {getattr(self, name)} of the route model must lie between 0 and 1")
+        if self.jump + self.leave >= 1:
+            raise ConfigError("jump and leave of the route model must sum to less than 1")
+        if min(self.steps, default=-1) < 0 or not abs(sum(self.steps) - 1) < 1e-9:
+            raise ConfigError(f"steps = {self.steps} of the route model must be probabilities that sum to 1")
+        if not (np.isfinite(self.separation) and self.separation > 0):
+            raise ConfigError(f"separation = {self.separation} of the route model must be a positive number")
+        if not 0 <= self.doubt < np.inf:
+            raise ConfigError(f"doubt = {self.doubt} of the route model must be 0 or a positive number")
+
+    @property
+    def stay(self) -> float:
+        """Probability of going on along the route: neither jumping nor leaving."""
+        return 1 - self.jump - self.leave
+
+    @property
+    def start(self) -> float:
+        """Probability of being on the map before the first frame: the share of time that entering and leaving give."""
+        return self.enter / (self.enter + self.leave)
+
+    def turned(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Mixes the directions (axis -2) by the probability of turning round."""
+        mixed = values * (1 - self.turn)
+        mixed += values[..., ::-1, :] * self.turn
+        return mixed
+
+    def exits(self, places: int) -> NDArray[np.float64]:
+        """Returns 2×N: the probability of leaving the map from every state, by `leave` or past an end."""
+        beyond = np.zeros((2, places))
+        for offset, probability in enumerate(self.steps):
+            beyond[0, max(places - offset, 0) :] += probability
+            beyond[1, :offset] += probability
+        exits: NDArray[np.float64] = self.leave + self.stay * self.turned(beyond)
+        return exits
+
+
+def likelihood_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.float64]:
+    """Says how much likelier each frame's scores are if it shows the place than if it does not.
+
+    With z = (score - mean) / standard deviation over the frame's own scores, background places are taken as
+    N(0, 1) and the true place as N(d, 1), d = `separation`; a share ε = `outlier` of frames says nothing:
+    ratio = ((1 - ε) exp(d z - d²/2) + ε) exp(-`doubt`). So the ratios do not change when scores are shifted
+    or scaled by a positive number, and no method needs a temperature of its own. "Not on the map" has the ratio 1.
+
+    Args:
+        scores: ...×N, higher = more alike. NaN: the place has no score, and its ratio is 1. Infinities do not
+            count for mean and deviation. A frame whose scores are all equal says nothing.
+        model: The assumptions.
+
+    Returns:
+        ...×N, at least ε exp(-`doubt`).
+    """
+    S = np.asarray(scores, np.float64)
+    known: Any = np.isfinite(S)
+    count = np.maximum(known.sum(axis=-1, keepdims=True), 1)
+    known = True if known.all() else known  # sums over a mask are slow
+    mean = S.sum(axis=-1, keepdims=True, where=known) / count
+    z = S - mean
+    spread = np.sqrt(np.square(z).sum(axis=-1, keepdims=True, where=known) / count)
+    d = model.separation
+    varies = spread > 1e-12 * np.abs(mean)  # less is rounding
+    z *= np.divide(d, spread, out=np.full_like(spread, np.nan), where=varies)
+    z -= d * d / 2
+    ratios: NDArray[np.float64] = np.exp(np.minimum(z, _LARGEST))
+    ratios *= 1 - model.outlier
+    ratios += model.outlier
+    ratios *= np.exp(-model.doubt)
+    ratios[np.isnan(ratios)] = 1.0
+    return ratios
+
+
+def checked_scores(S: NDArray[Any]) -> NDArray[Any]:
+    """Returns the scores of a traverse as an array, after a look at its shape.
+
+    Raises:
+        DescriptorsError: It is not a matrix of numbers with at least one row and one column.
+    """
+    S = np.asarray(S)
+    if S.ndim != 2 or 0 in S.shape or S.dtype.kind not in "biuf":
+        raise DescriptorsError(
+            f"scores of shape {S.shape} and type {S.dtype} are no traverse; give a matrix of numbers, "
+            "a row for each query and a column for each place"
+        )
+    return S

@@ -1,0 +1,191 @@
+"""Sequence searches on a drive as recorded, and on it resampled: `python -m studies sequences --data DIR --out DIR`.
+
+The parameters of the filter were chosen on places 0:1600 of nordland64; the tables are of 1620: unless --frames says
+otherwise. Every other drive is the mean over several seeds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.data.route import open_route
+from everplace.data.selection import Selection, parse_frames
+from everplace.data.truth import truth_by_position
+from everplace.describe.descriptors import Descriptors
+from everplace.describe.pipeline import describe_traverse
+from everplace.describe.registry import open_describer
+from everplace.evaluate.scores import evaluate
+from everplace.experiments.drive import resample_drive
+from everplace.experiments.retrieval import choose_pair
+from everplace.files import write_text
+from everplace.match.route_filter import Answer, RouteFilter
+from everplace.match.route_path import best_path, smooth_route
+from everplace.match.search import compared
+from everplace.match.sequence import SEQUENCE_METHODS, search_sequences
+from everplace.match.similarity import similarity
+from everplace.match.standardise import Standardisation
+
+TOLERANCE = 1
+SURE = 0.9
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A second drive and the map it is on.
+
+    Attributes:
+        what: In the words of the table.
+        options: Of `resample_drive`; None: the drive as recorded.
+        hole: Share of the places, in the middle, that the map lacks.
+    """
+
+    what: str
+    options: dict[str, Any] | None = None
+    hole: float = 0.0
+
+
+DRIVES = (
+    Drive("as recorded"),
+    Drive("speeds 0.7 to 1.4, stops", {}),
+    Drive("and stretches in reverse", {"reverse": 0.02}),
+    Drive("and 4 kidnappings", {"reverse": 0.02, "jumps": 4}),
+    Drive("and a fifth off the map", {"reverse": 0.02, "jumps": 4}, hole=0.2),
+)
+
+
+def main(arguments: list[str]) -> None:
+    parser = argparse.ArgumentParser(prog="python -m studies sequences", description=__doc__)
+    parser.add_argument("--data", type=Path, required=True, help="directory that holds nordland64")
+    parser.add_argument("--out", type=Path, required=True, help="directory for table.md and metrics.json")
+    parser.add_argument("--methods", nargs="+", default=["hog"], help="methods or run directories")
+    parser.add_argument("--frames", default="1620:", help="places, after the filters")
+    parser.add_argument("--lengths", type=int, nargs="+", default=[5, 10, 20], help="frames of a sequence")
+    parser.add_argument("--seeds", type=int, default=5, help="drives that are averaged")
+    given = parser.parse_args(arguments)
+    selection = Selection(parse_frames(given.frames), drop_dark=True, drop_stationary=True)
+    _, pair = choose_pair(open_route(given.data / "nordland64"), "winter", "summer", selection)
+    truth = truth_by_position(pair.query, pair.database, TOLERANCE)
+    lines, metrics = [f"nordland64, winter against summer, --frames {given.frames}, ±{TOLERANCE} frames", ""], []
+    for method in given.methods:
+        describer = open_describer(method)
+        query, database = (describe_traverse(describer, traverse) for traverse in (pair.query, pair.database))
+        for how in (None, "centre"):
+            print(method, how or "plain", file=sys.stderr)
+            rows = [_measure(query, database, truth, how, drive, given.lengths, given.seeds) for drive in DRIVES]
+            lines += _tables(f"{method}, {'centred' if how else 'plain'}", rows)
+            metrics.append({"method": method, "standardise": how, "frames": given.frames, "drives": rows})
+    table = "\n".join(lines).rstrip() + "\n"
+    write_text(given.out / "metrics.json", json.dumps(metrics, indent=1) + "\n")
+    write_text(given.out / "table.md", table)
+    print(table, end="")
+
+
+def _measure(
+    query: Descriptors,
+    database: Descriptors,
+    truth: NDArray[np.bool_],
+    how: Standardisation | None,
+    drive: Drive,
+    lengths: list[int],
+    seeds: int,
+) -> dict[str, Any]:
+    scores: dict[str, list[tuple[float, float]]] = {}
+    answers: dict[str, list[dict[str, float | None]]] = {}
+    for S, matches in _drives(query, database, truth, how, drive, seeds):
+        scores.setdefault("one frame", []).append(_score(S, matches))
+        for length in lengths:
+            for search in SEQUENCE_METHODS[::-1]:
+                found = search_sequences(S, length, search)
+                scores.setdefault(f"{search}, {length} frames", []).append(_score(found, matches))
+        for name, given in _answers(S).items():
+            answers.setdefault(name, []).append(_honesty(given, matches))
+    return {
+        "drive": drive.what,
+        "scores": {name: np.mean(values, axis=0).round(4).tolist() for name, values in scores.items()},
+        "answers": {name: _means(values) for name, values in answers.items()},
+    }
+
+
+def _drives(
+    query: Descriptors,
+    database: Descriptors,
+    truth: NDArray[np.bool_],
+    how: Standardisation | None,
+    drive: Drive,
+    seeds: int,
+) -> Iterator[tuple[NDArray[np.float32], NDArray[np.bool_]]]:
+    """Similarity and truth of one drive after the other."""
+    count = len(query)
+    gap = round(count * drive.hole)
+    mapped = np.delete(np.arange(len(database)), slice((count - gap) // 2, (count + gap) // 2))
+    for seed in range(seeds if drive.options is not None else 1):
+        chosen = np.arange(count) if drive.options is None else resample_drive(count, seed, **drive.options)
+        S = similarity(*compared(_rows(query, chosen), _rows(database, mapped), how))
+        yield S, truth[np.ix_(chosen, mapped)]
+
+
+def _rows(descriptors: Descriptors, rows: NDArray[np.int64]) -> Descriptors:
+    names = tuple(f"{position}: {descriptors.names[row]}" for position, row in enumerate(rows))
+    return replace(descriptors, values=descriptors.values[rows], names=names, variance=None)
+
+
+def _score(S: NDArray[Any], truth: NDArray[np.bool_]) -> tuple[float, float]:
+    scores = evaluate(S, truth)
+    return scores.recall_at["1"], scores.auc_pr
+
+
+def _answers(S: NDArray[np.float32]) -> dict[str, list[Answer]]:
+    """The answers from all frames so far, and looking back on the whole drive."""
+    online = RouteFilter(S.shape[1], reach=TOLERANCE)
+    path = best_path(S)
+    return {
+        "all frames so far": [online.update(row) for row in S],
+        "the whole drive, smoothed": smooth_route(S, reach=TOLERANCE),
+        "the whole drive, best path": [Answer(max(int(p), 0), float(p >= 0), float(p >= 0)) for p in path],
+    }
+
+
+def _means(values: list[dict[str, float | None]]) -> dict[str, float | None]:
+    """Means over the drives that a measure has a meaning for."""
+    known = {key: [value for one in values if (value := one[key]) is not None] for key in values[0]}
+    return {key: float(np.mean(ones).round(4)) if ones else None for key, ones in known.items()}
+
+
+def _honesty(answers: list[Answer], truth: NDArray[np.bool_]) -> dict[str, float | None]:
+    """Whether answers are right and say so when they are not."""
+    right = np.array([truth[row, one.place] for row, one in enumerate(answers)])
+    mapped = truth.any(axis=1)
+    lost = np.array([one.lost for one in answers])
+    sure = np.array([one.probability for one in answers]) >= SURE
+    return {
+        "recall@1": float(right[mapped].mean()),
+        "sure": float(sure.mean()),
+        "right when sure": float(right[sure].mean()) if sure.any() else None,
+        "lost on the map": float(lost[mapped].mean()),
+        "lost off the map": float(lost[~mapped].mean()) if not mapped.all() else None,
+    }
+
+
+def _tables(title: str, rows: list[dict[str, Any]]) -> list[str]:
+    lines = [f"**{title}**: recall@1 / auc_pr", "", "| search | " + " | ".join(row["drive"] for row in rows) + " |"]
+    lines += ["|---" * (len(rows) + 1) + "|"]
+    for name in rows[0]["scores"]:
+        cells = [" / ".join(f"{value:.3f}" for value in row["scores"][name]) for row in rows]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    lines += ["", f"**{title}**: answers of the filter; sure: probability of at least {SURE}", ""]
+    header = list(rows[0]["answers"]["all frames so far"])
+    lines += ["| drive | from | " + " | ".join(header) + " |", "|---" * (len(header) + 2) + "|"]
+    for row in rows:
+        for name, values in row["answers"].items():
+            cells = ["" if values[key] is None else f"{values[key]:.3f}" for key in header]
+            lines.append(f"| {row['drive']} | {name} | " + " | ".join(cells) + " |")
+    return [*lines, ""]

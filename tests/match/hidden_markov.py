@@ -1,0 +1,74 @@
+"""`RouteModel` written out: the matrix of all transitions, sums over all of it, and every path by enumeration."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.match.route_model import RouteModel, likelihood_ratios
+
+MODELS = (
+    RouteModel(),
+    RouteModel(
+        steps=(0.2, 0.3, 0.1, 0.4), turn=0.3, jump=0.2, leave=0.15, enter=0.4, separation=1.0, outlier=0.05, doubt=0.0
+    ),
+    RouteModel(steps=(1.0,), turn=0.01, jump=1e-6, leave=0.5, enter=0.9, separation=4.0, outlier=0.5, doubt=2.0),
+)
+
+
+def transitions(model: RouteModel, places: int) -> NDArray[np.float64]:
+    """(2N+1)×(2N+1): along the route at 0 .. N-1, against it at N .. 2N-1, off the map at 2N; from row to column."""
+    off = 2 * places
+    T = np.zeros((off + 1, off + 1))
+    for direction, place in product((0, 1), range(places)):
+        start = direction * places + place
+        T[start, off] += model.leave
+        T[start, :off] += model.jump / off
+        for heading, (offset, step) in product((0, 1), enumerate(model.steps)):
+            p = model.stay * step * (model.turn if heading != direction else 1 - model.turn)
+            end = place + (-offset if heading else offset)
+            T[start, heading * places + end if 0 <= end < places else off] += p
+    T[off, :off] = model.enter / off
+    T[off, off] = 1 - model.enter
+    return T
+
+
+def likelihoods(model: RouteModel, S: NDArray[Any]) -> NDArray[np.float64]:
+    """M×(2N+1)."""
+    ratios = likelihood_ratios(S, model)
+    return np.hstack([ratios, ratios, np.ones((len(S), 1))])
+
+
+def beginning(model: RouteModel, places: int) -> NDArray[np.float64]:
+    return np.append(np.full(2 * places, model.start / (2 * places)), 1 - model.start)
+
+
+def forward(model: RouteModel, S: NDArray[Any]) -> NDArray[np.float64]:
+    """M×(2N+1): P(state i | frames 0 .. i)."""
+    T, seen = transitions(model, S.shape[1]), likelihoods(model, S)
+    rows = [beginning(model, S.shape[1]) * seen[0]]
+    for ratios in seen[1:]:
+        rows.append(rows[-1] @ T * ratios)
+    return np.array([row / row.sum() for row in rows])
+
+
+def every_path(model: RouteModel, S: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """All (2N+1)^M paths and their probabilities with the frames."""
+    T, seen, start = transitions(model, S.shape[1]), likelihoods(model, S), beginning(model, S.shape[1])
+    paths = np.array(list(product(range(2 * S.shape[1] + 1), repeat=len(S))))
+    p = start[paths[:, 0]] * seen[0, paths[:, 0]]
+    for frame in range(1, len(S)):
+        p = p * T[paths[:, frame - 1], paths[:, frame]] * seen[frame, paths[:, frame]]
+    return paths, p
+
+
+def drive(path: list[int], places: int, *, seed: int = 0, separation: float = 3.0) -> NDArray[np.float64]:
+    """Synthetic scores of a drive along a path of places; -1: a frame that is nowhere on the map."""
+    S = np.random.default_rng(seed).normal(size=(len(path), places))
+    for frame, place in enumerate(path):
+        if place >= 0:
+            S[frame, place] += separation
+    return S

@@ -1,0 +1,81 @@
+"""Batches of pairs: two traverses of one place, each frame at most once an epoch, the same whenever drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from everplace.data.augment import Augmentation
+from everplace.data.virtual_places import VirtualPlaces
+from everplace.training.frames import FrameBlock, SplitRoute
+from everplace.training.pairs import PairedFrames, PairOrder
+
+NONE = Augmentation()
+
+
+def split_of(traverses: int, places: int) -> SplitRoute:
+    """Frames whose value says which one it is: traverse × 50 + place."""
+    blocks = tuple(
+        FrameBlock(
+            np.full((places, 8, 8, 1), 0, np.uint8) + (50 * t + np.arange(places, dtype=np.uint8))[:, None, None, None],
+            condition=t,
+        )
+        for t in range(traverses)
+    )
+    return SplitRoute(tuple("abcd"[:traverses]), blocks, (), aligned=True)
+
+
+def epoch_of(order: PairOrder, epoch: int) -> list[NDArray[np.int64]]:
+    order.set_epoch(epoch)
+    return [pairs for _, pairs in order]
+
+
+@pytest.mark.parametrize(("traverses", "pairs_a_place"), [(2, 1), (3, 1), (4, 2)])
+def test_pairs_are_of_one_place_and_two_traverses_and_no_frame_comes_twice(traverses: int, pairs_a_place: int) -> None:
+    places = 12
+    order = PairOrder(places, traverses, batch_size=6, seed=1)
+    pairs = np.concatenate(epoch_of(order, 0))
+    assert pairs.shape == (places * pairs_a_place, 2)
+    assert (pairs[:, 0] % places == pairs[:, 1] % places).all()
+    assert (pairs[:, 0] // places != pairs[:, 1] // places).all()
+    assert len(np.unique(pairs)) == pairs.size
+
+
+def test_the_order_depends_on_seed_and_epoch_alone_and_devices_share_its_batches() -> None:
+    def order(seed: int = 1) -> PairOrder:
+        return PairOrder(12, 2, batch_size=8, seed=seed)
+
+    first = epoch_of(order(), 3)
+    for once, again in zip(first, epoch_of(order(), 3), strict=True):
+        np.testing.assert_array_equal(once, again)
+    assert (first[0] != epoch_of(order(), 4)[0]).any()
+    assert (first[0] != epoch_of(order(2), 3)[0]).any()
+    shares = []
+    for rank in range(2):
+        shared = order()
+        shared.share(rank, 2)
+        shares.append(epoch_of(shared, 3))
+    for whole, one, other in zip(first, *shares, strict=True):
+        assert {*map(tuple, whole.tolist())} == {*map(tuple, one.tolist()), *map(tuple, other.tolist())}
+
+
+def test_a_batch_holds_the_two_frames_of_each_place_side_by_side_with_their_labels() -> None:
+    frames = PairedFrames(split_of(2, 10), NONE, VirtualPlaces(), seed=0)
+    batch = frames[0, np.array([[3, 13], [17, 7]])]
+    assert batch.images[:, 0, 0, 0].tolist() == [3, 53, 57, 7]
+    assert batch.conditions.tolist() == [0, 1, 1, 0]
+    assert batch.places.tolist() == [3, 3, 7, 7]
+
+
+def test_virtual_places_are_drawn_from_seed_and_epoch() -> None:
+    split = split_of(2, 10)
+    key = np.array([[3, 13], [17, 7], [1, 11], [5, 15]])
+    virtual = VirtualPlaces(join=1.0)
+    first = PairedFrames(split, NONE, virtual, seed=0)[2, key].images
+    assert (first == PairedFrames(split, NONE, virtual, seed=0)[2, key].images).all()
+    assert (first != PairedFrames(split, NONE, virtual, seed=1)[2, key].images).any()
+    assert (first != PairedFrames(split, NONE, virtual, seed=0)[3, key].images).any()
+    # The right of each place comes from the next one of the batch.
+    assert first[0, 0, -1, 0] == 57
+    assert first[1, 0, -1, 0] == 7
