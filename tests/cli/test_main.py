@@ -22,8 +22,8 @@ import pytest
 from everplace.cli import main
 
 COMMANDS = [
-    "demo", "train", "describe", "match", "evaluate", "compare", "show swap", "show constant", "show matrix",
-    "show matches", "export", "data render", "data inspect", "data pack", "data align", "data fetch", "data import",
+    "demo", "train", "describe", "match", "evaluate", "compare", "show swap", "show constant", "show translate",
+    "show matrix", "show matches", "export", "data render", "data inspect", "data pack", "data align", "data fetch", "data import",
     "data list",
 ]  # fmt: skip
 
@@ -156,11 +156,11 @@ def test_an_evaluation_writes_metrics_and_a_report(way: Path) -> None:
     assert 0 < metrics["audit"]["swap"]["mean_image"] < 1
     page = (way / "result" / "report.html").read_text()
     assert "cp-vae: winter against summer" in page
-    for picture in ("similarity", "matches", "swap", "constant"):
+    for picture in ("similarity", "matches", "swap", "constant", "translation"):
         assert (way / "result" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("what", ["swap", "constant", "matrix", "matches"])
+@pytest.mark.parametrize("what", ["swap", "constant", "translate", "matrix", "matches"])
 def test_show_draws_a_picture(way: Path, tmp_path: Path, what: str) -> None:
     model: list[str | Path] = [way / "run", way / "route", "--frames", "40:"]
     pair: list[str | Path] = [
@@ -175,7 +175,7 @@ def test_show_draws_a_picture(way: Path, tmp_path: Path, what: str) -> None:
         "40:",
     ]
     status, out, err = call(
-        "show", what, *(model if what in ("swap", "constant") else pair), "--out", tmp_path / "a.png"
+        "show", what, *(model if what in ("swap", "constant", "translate") else pair), "--out", tmp_path / "a.png"
     )
     assert status == 0, err
     assert str(tmp_path / "a.png") in out

@@ -118,7 +118,10 @@ def test_tolerance_counts_places(pixel_model: ConditionVAE) -> None:
     constant = np.tile(codes(5, 1, 32), (12, 1))
     # Each frame of the second condition shows the place two further on.
     frames = [pictures(places, constant), pictures(np.roll(places, -2, axis=0), constant)]
-    assert audit(pixel_model, frames, tolerance=1).recall_at_1["z_p"] == 0.0
+    found = audit(pixel_model, frames, tolerance=1)
+    assert found.recall_at_1["z_p"] == 0.0
+    # Of 144 pairs 12 are of one place and 2 × 11 of neighbours.
+    assert found.recall_chance == pytest.approx(34 / 144)
     # But for the two at the end, whose match is at the start.
     assert audit(pixel_model, frames, tolerance=2).recall_at_1["z_p"] == pytest.approx(10 / 12)
 
@@ -166,6 +169,9 @@ def test_divergences_and_active_dimensions(pixel_model: ConditionVAE) -> None:
     assert found.active_dimensions == {"z_p": 6, "z_c": 1}
     assert found.kl["z_p"] == pytest.approx(0.5 * (90 * (26 / 255) ** 2 + 6 * (51 / 255) ** 2), rel=1e-5)
     assert found.kl["z_c"] == pytest.approx(0.5 * ((z_c[:, 0] / 255) ** 2).mean(), rel=1e-5)
+    assert found.kl_per_dimension["z_p"] == pytest.approx([0.5 * (26 / 255) ** 2] * 90 + [0.5 * 0.2**2] * 6, rel=1e-4)
+    assert found.kl_per_dimension["z_c"][1:] == [0.0] * 31
+    assert (found.places, found.frames, found.divided) == (6, 12, True)
 
 
 def test_encoding_does_not_depend_on_batches() -> None:
@@ -258,6 +264,11 @@ def test_with_one_condition_there_is_nothing_to_probe_or_swap(pixel_model: Condi
         "condition_from_z_c",
         "recall_at_1",
         "swap",
+        "recall_chance",
         "active_dimensions",
         "kl",
+        "kl_per_dimension",
+        "places",
+        "frames",
+        "divided",
     }

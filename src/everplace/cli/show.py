@@ -38,9 +38,10 @@ Method = Annotated[str, typer.Option("--method", metavar="METHOD", help="A run d
 
 def register(app: typer.Typer) -> None:
     """Adds the sub-commands."""
-    show = typer.Typer(help="Draw one picture: swap, constant, matrix or matches.", no_args_is_help=True)
+    show = typer.Typer(help="Draw one picture: swap, constant, translate, matrix or matches.", no_args_is_help=True)
     show.command("swap")(swap)
     show.command("constant")(constant)
+    show.command("translate")(translate)
     show.command("matrix")(matrix)
     show.command("matches")(matches)
     app.add_typer(show, name="show")
@@ -65,11 +66,10 @@ def swap(
     Example: everplace show swap runs/cp-vae my-route --frames 1620: --out swap.png
     """
     require_file(out, _PICTURES)
-    from everplace.experiments.pictures import swap_figure
-    from everplace.model.checkpoint import load_checkpoint
+    from everplace.experiments.translations import load_divided, swap_figure
     from everplace.plots.canvas import save_figure
 
-    model = load_checkpoint(run).model
+    model = load_divided(run)
     chosen = _select(route, conditions, frames, drop_dark, drop_stationary)
     save_figure(swap_figure(model, chosen, place), out)
     show_result({"out": str(out)}, as_json)
@@ -91,13 +91,41 @@ def constant(
     Example: everplace show constant runs/cp-vae my-route --frames 1620: --out constant.png
     """
     require_file(out, _PICTURES)
-    from everplace.experiments.pictures import constant_figure
-    from everplace.model.checkpoint import load_checkpoint
+    from everplace.experiments.translations import constant_figure, load_divided
     from everplace.plots.canvas import save_figure
 
-    model = load_checkpoint(run).model
+    model = load_divided(run)
     chosen = _select(route, conditions, frames, drop_dark, drop_stationary)
     save_figure(constant_figure(model, chosen, count=count), out)
+    show_result({"out": str(out)}, as_json)
+
+
+def translate(
+    run: RunArgument,
+    route: RouteArgument,
+    out: OutFile,
+    source: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--from", metavar="COND", help="Traverse or condition to translate from [the first]."),
+    ] = None,
+    conditions: Conditions = "",
+    frames: Frames = "",
+    count: Annotated[int, typer.Option("--count", min=1, help="Places to show.")] = 3,
+    drop_dark: DropDark = False,
+    drop_stationary: DropStationary = False,
+    as_json: Json = False,
+) -> None:
+    """Decode z_p of one frame with the mean z_c of every condition, above the true frames of these conditions.
+
+    Example: everplace show translate runs/cp-vae my-route --frames 1620: --out translation.png
+    """
+    require_file(out, _PICTURES)
+    from everplace.experiments.translations import load_divided, translation_figure
+    from everplace.plots.canvas import save_figure
+
+    model = load_divided(run)
+    chosen = _select(route, conditions, frames, drop_dark, drop_stationary)
+    save_figure(translation_figure(model, chosen, count=count, source=source), out)
     show_result({"out": str(out)}, as_json)
 
 

@@ -100,16 +100,27 @@ class Audit:
         condition_from_z_c: Wanted: 1. None: all traverses show one condition.
         recall_at_1: Retrieval between the traverses by `z_p`, `z_c` and all of `z`; wanted: z_p the best, z_c none.
         swap: Errors of swap reconstruction. None: all traverses show one condition.
+        recall_chance: Recall@1 of a guess.
         active_dimensions: Dimensions of `z_p` and `z_c` whose mean KL divergence is above 0.01 nats.
         kl: KL divergence of `z_p` and `z_c` in nats, a mean over frames.
+        kl_per_dimension: The same of each dimension, in the order of the latent.
+        places: Places audited.
+        frames: Frames audited, in all traverses.
+        divided: Whether the model's labels divide z; False: a plain VAE, for which the blocks are only its first 96
+            and last 32 dimensions.
     """
 
     condition_from_z_p: Probe | None
     condition_from_z_c: Probe | None
     recall_at_1: dict[str, float]
+    recall_chance: float
     swap: SwapError | None
     active_dimensions: dict[str, int]
     kl: dict[str, float]
+    kl_per_dimension: dict[str, list[float]]
+    places: int
+    frames: int
+    divided: bool
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -164,16 +175,22 @@ def audit(
         "z_c": [part.z_c for part in latents],
         "z": [np.concatenate([part.z_p, part.z_c], axis=1) for part in latents],
     }
+    truth = _truth(len(frames[0]), tolerance)
     return Audit(
         condition_from_z_p=_probe(z["z_p"], conditions, seed),
         condition_from_z_c=_probe(z["z_c"], conditions, seed),
-        recall_at_1={name: _recall(blocks, tolerance) for name, blocks in z.items()},
+        recall_at_1={name: _recall(blocks, truth) for name, blocks in z.items()},
+        recall_chance=float(truth.mean()),
         swap=_swap_error(model, frames, latents, conditions),
         active_dimensions={
             "z_p": int((kl_place > ACTIVE_ABOVE).sum()),
             "z_c": int((kl_condition > ACTIVE_ABOVE).sum()),
         },
         kl={"z_p": float(kl_place.sum()), "z_c": float(kl_condition.sum())},
+        kl_per_dimension={"z_p": kl_place.tolist(), "z_c": kl_condition.tolist()},
+        places=len(frames[0]),
+        frames=sum(map(len, frames)),
+        divided=model.config.labelled,
     )
 
 
@@ -204,11 +221,16 @@ def _probe(blocks: Sequence[NDArray[np.float32]], conditions: Sequence[str], see
     return Probe(**accuracy, chance=max(shares))
 
 
-def _recall(blocks: Sequence[NDArray[np.float32]], tolerance: int) -> float:
+def _truth(places: int, tolerance: int) -> NDArray[np.bool_]:
+    """P×P: which places are at most so many apart."""
+    position = np.arange(places)
+    truth: NDArray[np.bool_] = np.abs(position[:, None] - position[None, :]) <= tolerance
+    return truth
+
+
+def _recall(blocks: Sequence[NDArray[np.float32]], truth: NDArray[np.bool_]) -> float:
     """Recall@1 by cosine, a mean over all ordered pairs of traverses."""
-    places = np.arange(len(blocks[0]))
-    truth = np.abs(places[:, None] - places[None, :]) <= tolerance
-    names = tuple(map(str, places))
+    names = tuple(map(str, range(len(truth))))
     described = [Descriptors(block, names, method="block") for block in blocks]
     pairs = permutations(described, 2)
     return float(np.mean([evaluate(similarity(a, b), truth).recall_at["1"] for a, b in pairs]))

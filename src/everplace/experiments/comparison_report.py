@@ -10,7 +10,7 @@ import numpy as np
 
 from everplace.describe.methods.vae import VAEDescriber
 from everplace.experiments.comparison import SCORES, Comparison
-from everplace.experiments.evaluation import audit_section, model_section
+from everplace.experiments.latent_report import audit_section, latent_section
 from everplace.experiments.pictures import match_figure, matrix_figure
 from everplace.experiments.retrieval import Pair, Retrieval
 from everplace.files import write_text
@@ -41,7 +41,7 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
         audit_section(report.section("Leakage audit"), comparison.audits)
     for label, describer in comparison.describers.items():
         if isinstance(describer, VAEDescriber) and route.aligned:
-            model_section(report.section(f"What the latent of {label} holds"), describer, route, out, f"{label}-")
+            latent_section(report.section(f"What the latent of {label} holds"), describer, route, out, f"{label}-")
     panels = {
         pair: {label: one.curve for label, one in results.items()} for pair, results in comparison.results.items()
     }

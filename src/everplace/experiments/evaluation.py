@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,22 +14,21 @@ from everplace.data.selection import Selection
 from everplace.describe.methods.vae import VAEDescriber
 from everplace.describe.protocol import Describer, FittedDescriber
 from everplace.describe.registry import open_describer
-from everplace.evaluate.audit import Audit, Probe, audit
-from everplace.experiments.pictures import constant_figure, match_figure, matrix_figure, swap_figure
+from everplace.evaluate.audit import Audit, audit
+from everplace.experiments.latent_report import audit_section, latent_section
+from everplace.experiments.pictures import match_figure, matrix_figure
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, choose_pair, retrieve, true_matches
 from everplace.files import write_text
 from everplace.match.standardise import require_standardisable
 from everplace.plots.canvas import save_figure
 from everplace.plots.interactive import precision_recall_figure
 from everplace.progress import Progress, quiet
-from everplace.report.html import Report, Section
+from everplace.report.html import Report
 
 __all__ = [
     "Evaluation",
     "audit_pair",
-    "audit_section",
     "evaluate_method",
-    "model_section",
     "score_facts",
     "seen_places",
     "write_evaluation",
@@ -168,7 +166,7 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
     if evaluation.audit is not None:
         audit_section(report.section("Leakage audit"), {result.method: evaluation.audit})
     if isinstance(evaluation.describer, VAEDescriber) and evaluation.route.aligned:
-        model_section(report.section("What the latent holds"), evaluation.describer, evaluation.route, out)
+        latent_section(report.section("What the latent holds"), evaluation.describer, evaluation.route, out)
     report.write(out / "report.html")
     write_text(out / "metrics.json", json.dumps(evaluation.metrics(), indent=2) + "\n")
 
@@ -189,43 +187,3 @@ def score_facts(result: Retrieval) -> dict[str, float | int]:
         "dimension": result.dimension,
         "ms per image": result.ms_per_image,
     }
-
-
-def audit_section(section: Section, audits: dict[str, Audit]) -> None:
-    """The leakage audit of one or more models, as a table that says what is wanted."""
-    section.paragraph(
-        "Measured on the tested frames. Wanted: the condition cannot be predicted from z_p (chance) but "
-        "from z_c; retrieval works by z_p and not by z_c; the swap error is below both of its baselines."
-    )
-    measures: dict[str, Callable[[Audit], float | str | None]] = {
-        "condition from z_p, linear / MLP probe": lambda a: _probe(a.condition_from_z_p),
-        "condition from z_c, linear / MLP probe": lambda a: _probe(a.condition_from_z_c),
-        "chance": lambda a: a.condition_from_z_p.chance if a.condition_from_z_p else None,
-        "recall@1 by z_p": lambda a: a.recall_at_1["z_p"],
-        "recall@1 by z_c": lambda a: a.recall_at_1["z_c"],
-        "recall@1 by z": lambda a: a.recall_at_1["z"],
-        "swap error, mean z_c": lambda a: a.swap.mean_z_c if a.swap else None,
-        "swap error, z_c of the same place": lambda a: a.swap.same_place_z_c if a.swap else None,
-        "swap error, z_c of another place": lambda a: a.swap.other_place_z_c if a.swap else None,
-        "baseline: the frame unchanged": lambda a: a.swap.unchanged if a.swap else None,
-        "baseline: the mean image": lambda a: a.swap.mean_image if a.swap else None,
-        "active dimensions of z_p / z_c": lambda a: f"{a.active_dimensions['z_p']} / {a.active_dimensions['z_c']}",
-        "KL of z_p / z_c (nats)": lambda a: f"{a.kl['z_p']:.1f} / {a.kl['z_c']:.1f}",
-    }
-    rows = [[name, *(read(one) for one in audits.values())] for name, read in measures.items()]
-    section.table(["measure", *audits], rows, digits=4)
-
-
-def model_section(section: Section, describer: VAEDescriber, route: Route, out: Path, prefix: str = "") -> None:
-    """Figures 6 to 9 of the paper for a model and a route; the pictures also go into `out`."""
-    model = describer.checkpoint.model
-    route = route.at(route.shared_stems())
-    swap, constant = swap_figure(model, route), constant_figure(model, route)
-    save_figure(swap, out / f"{prefix}swap.png")
-    save_figure(constant, out / f"{prefix}constant.png")
-    section.figure(swap, alt="Images decoded from z_p of one frame and z_c of another.", caption="As Figures 6 and 7.")
-    section.figure(constant, alt="Images decoded with one constant z_c.", caption="As Figures 8 and 9.")
-
-
-def _probe(probe: Probe | None) -> str | None:
-    return None if probe is None else f"{probe.linear:.3f} / {probe.mlp:.3f}"

@@ -1,9 +1,10 @@
-"""Grids of images: swapped reconstructions (Figures 6, 7) and condition-invariant images (Figures 8, 9)."""
+"""Grids of images: swapped reconstructions (Figures 6, 7), condition-invariant images (Figures 8, 9), translations."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,7 +13,7 @@ from everplace.errors import ImageError
 from everplace.plots.canvas import Cell, Image, inch_axes, place_image, place_text
 from everplace.plots.style import INK, MUTED, styled
 
-__all__ = ["draw_constant_grid", "draw_image_grid", "draw_swap_grid"]
+__all__ = ["Translation", "draw_constant_grid", "draw_image_grid", "draw_swap_grid", "draw_translations"]
 
 _EDGE = 0.1
 _GAP = 0.04
@@ -181,7 +182,71 @@ def draw_constant_grid(
     return axes
 
 
+@dataclass(frozen=True, slots=True)
+class Translation:
+    """One frame shown in several conditions.
+
+    Attributes:
+        frame: The frame itself.
+        translated: C images decoded from {z_p of the frame, z_c of each condition}.
+        true: The C frames that show its place in these conditions.
+        name: Written above the frame.
+    """
+
+    frame: Image
+    translated: Sequence[Image]
+    true: Sequence[Image]
+    name: str = ""
+
+
+@styled()
+def draw_translations(
+    figure: Figure, translations: Sequence[Translation], *, conditions: Sequence[str], title: str = ""
+) -> Axes:
+    """Draws each frame beside its translations, with the true frames of the same conditions below them.
+
+    The figure keeps its width and gets the height it needs.
+
+    Args:
+        figure: An empty figure.
+        translations: In the order of rows, from the top.
+        conditions: C names, written above the translations.
+        title: Written above.
+
+    Returns:
+        The axes, in inches: for each frame itself, then its translations, then the true frames.
+
+    Raises:
+        ImageError: There is no frame, or one has not C translations and C true frames.
+    """
+    C = len(conditions)
+    if not translations or not C or any(len(one.translated) != C or len(one.true) != C for one in translations):
+        raise ImageError("cannot draw the translations; give frames, with an image and a true frame a condition")
+    width = float(figure.get_figwidth())
+    between = _HEADER_GAP + _label_width(_STRIP, width)
+    cell = (width - 2 * _EDGE - between - (C - 1) * _GAP) / (C + 1)
+    height = cell * translations[0].frame.shape[0] / translations[0].frame.shape[1]
+    strip = _LABEL + 2 * height + _GAP
+    top = _EDGE + (_TITLE if title else 0.0)
+    axes = inch_axes(figure, top + len(translations) * (strip + _HEADER_GAP) - _HEADER_GAP + _EDGE)
+    _write_title(axes, title)
+    for number, one in enumerate(translations):
+        here = Cell(_EDGE, top + number * (strip + _HEADER_GAP) + _LABEL, cell, height)
+        place_image(axes, one.frame, here)
+        _label_above(axes, one.name, here)
+        for row, images in enumerate((one.translated, one.true)):
+            first = Cell(_EDGE + cell + between, here.y + row * (height + _GAP), cell, height)
+            _label_left(axes, _STRIP[row], first, width=between)
+            for column, image in enumerate(images):
+                there = first._replace(x=first.x + column * (cell + _GAP))
+                place_image(axes, image, there)
+                if row == 0:
+                    _label_above(axes, conditions[column], there)
+    return axes
+
+
 _PAIR = ("original", "constant z_c")
+_STRIP = ("decoded", "true")
 
 
 def _label_width(labels: Sequence[str], width: float) -> float:
@@ -214,6 +279,8 @@ def _label_above(axes: Axes, label: str, cell: Cell) -> None:
     place_text(axes, label, cell.x + cell.width / 2, cell.y - 0.04, width=cell.width, size=_SIZE, **look)
 
 
-def _label_left(axes: Axes, label: str, cell: Cell) -> None:
+def _label_left(axes: Axes, label: str, cell: Cell, *, width: float | None = None) -> None:
+    """Writes beside a cell, in all the room at its left or in `width` inches of it."""
     look = {"ha": "right", "va": "center", "color": MUTED}
-    place_text(axes, label, cell.x - 0.08, cell.y + cell.height / 2, width=cell.x - _EDGE, size=_SIZE, **look)
+    room = cell.x - _EDGE if width is None else width
+    place_text(axes, label, cell.x - 0.08, cell.y + cell.height / 2, width=room, size=_SIZE, **look)
