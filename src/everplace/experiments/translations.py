@@ -141,10 +141,11 @@ def translation_figure(model: ConditionVAE, route: Route, *, count: int = 3, sou
 def _places(route: Route) -> int:
     """The number of places, once it is known that row i of every traverse is the same one."""
     first, *others = (traverse.stems for traverse in route.traverses)
-    if not first or any(stems != first for stems in others):
+    if not route.aligned or any(stems != first for stems in others):
+        names = ", ".join(traverse.name for traverse in route.traverses)
         raise RouteError(
-            f"the traverses {', '.join(traverse.name for traverse in route.traverses)} {route.why_not_aligned}, so there "
-            "is no place to show in several conditions; choose others"
+            f"the traverses {names} {route.why_not_aligned}, so there is no place to show in several conditions; "
+            "choose others"
         )
     return len(first)
 
