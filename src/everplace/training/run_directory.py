@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -143,22 +144,33 @@ def _take(descriptor: int) -> bool:
 
 
 def _require_same(out: Path, config: FitConfig) -> None:
+    values: dict[str, Any] = {}
     try:
         values = read_toml(out / CONFIG_FILE)
-        other = values.get("model", config.model) != config.model and isinstance(values["model"], str)
-        before = FitConfig(model=values["model"]) if other else type(config).model_validate(values)
-    except (ConfigError, ValidationError):
+        before = type(config).model_validate(values)
+    except (ConfigError, ValidationError) as error:
+        if isinstance(error, ValidationError) and _of_another_method(error):
+            raise _other_settings(out, "model", values["model"], config.model) from None
         raise CheckpointError(
             f"{readable(out / CONFIG_FILE)} was not written by this version of everplace or was altered; "
             "restore it, or train anew into another directory"
         ) from None
-    for name in ["model"] if other else type(config).model_fields:
+    for name in type(config).model_fields:
         old, new = getattr(before, name), getattr(config, name)
         if old != new:
-            raise ConfigError(
-                f"--resume continues a run with its own settings, but {name} was {old!r} and is now {new!r}; give the "
-                f"same, or another --out than {readable(out)}"
-            )
+            raise _other_settings(out, name, old, new)
+
+
+def _of_another_method(error: ValidationError) -> bool:
+    """Whether a configuration does not fit because it is that of a method with other settings."""
+    return any(one["loc"] == ("model",) and one["type"] == "literal_error" for one in error.errors())
+
+
+def _other_settings(out: Path, name: str, old: object, new: object) -> ConfigError:
+    return ConfigError(
+        f"--resume continues a run with its own settings, but {name} was {old!r} and is now {new!r}; give the "
+        f"same, or another --out than {readable(out)}"
+    )
 
 
 def _remove_leftovers(out: Path) -> None:
