@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,14 +15,16 @@ from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MethodError, RouteError
 from everplace.experiments.comparison import compare_methods
 from everplace.experiments.comparison_report import write_comparison
-from everplace.experiments.fitting import fit_and_open
+from everplace.experiments.fitting import Methods, fit_and_open, select_tested
+from everplace.experiments.manifest import open_study
 from everplace.experiments.retrieval import Matching, Truth
 from everplace.training.methods import build_config, fit_method
 
 
 def test_every_ordered_pair_and_method_is_there(tiny_route: Path, tmp_path: Path) -> None:
     describers = {name: open_describer(name) for name in ("sad", "hog")}
-    comparison = compare_methods(open_route(tiny_route), describers, truth=Truth(0), matching=Matching())
+    study = open_study(open_route(tiny_route), Truth(0), Matching())
+    comparison = compare_methods(study, Methods(describers), tmp_path / "out")
     assert set(comparison.results) == {("summer", "winter"), ("winter", "summer")}
     assert all(set(results) == {"sad", "hog"} for results in comparison.results.values())
     out = tmp_path / "out"
@@ -41,7 +44,7 @@ def test_every_ordered_pair_and_method_is_there(tiny_route: Path, tmp_path: Path
 def test_one_traverse_is_no_comparison(tiny_route: Path) -> None:
     route = open_route(tiny_route).choose(["summer"])
     with pytest.raises(RouteError, match="two traverses"):
-        compare_methods(route, {"hog": open_describer("hog")}, truth=Truth(), matching=Matching())
+        open_study(route, Truth(), Matching())
 
 
 @pytest.fixture
@@ -60,40 +63,37 @@ def weightless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 def test_a_method_that_cannot_run_is_left_out_with_its_reason(
     tiny_route: Path, tmp_path: Path, weightless: str
 ) -> None:
-    _, describers, left_out = fit_and_open(
-        open_route(tiny_route), ["hog", weightless], Selection(), "", tmp_path / "out", settings={}
-    )
-    assert list(describers) == ["hog"]
-    assert left_out == {"weightless": "weightless needs weights.pth; fetch it first"}
+    ready = fit_and_open(open_route(tiny_route), ["hog", weightless], "", tmp_path / "out", settings={})
+    assert list(ready.describers) == ["hog"]
+    assert ready.sources == {"hog": "hog"}
+    assert ready.left_out == {"weightless": "weightless needs weights.pth; fetch it first"}
 
 
 def test_methods_none_of_which_can_run_are_an_error(tiny_route: Path, tmp_path: Path, weightless: str) -> None:
     with pytest.raises(ConfigError, match="none of them"):
-        fit_and_open(open_route(tiny_route), [weightless], Selection(), "", tmp_path / "out", settings={})
+        fit_and_open(open_route(tiny_route), [weightless], "", tmp_path / "out", settings={})
 
 
 def test_a_misspelt_method_is_an_error(tiny_route: Path, tmp_path: Path) -> None:
     with pytest.raises(MethodError, match="nonesuch"):
-        fit_and_open(open_route(tiny_route), ["hog", "nonesuch"], Selection(), "", tmp_path / "out", settings={})
+        fit_and_open(open_route(tiny_route), ["hog", "nonesuch"], "", tmp_path / "out", settings={})
 
 
 @pytest.mark.parametrize(("fit", "test", "says"), [("", "6:", "--fit-frames"), ("0:8", "6:", "share 2 places")])
-def test_a_model_is_not_fitted_on_tested_places(
-    tiny_route: Path, tmp_path: Path, fit: str, test: str, says: str
-) -> None:
+def test_a_model_is_not_fitted_on_tested_places(tiny_route: Path, fit: str, test: str, says: str) -> None:
     selection = Selection(parse_frames(test))
     with pytest.raises(ConfigError, match=says):
-        fit_and_open(open_route(tiny_route), ["vae"], selection, fit, tmp_path / "out", settings={})
-    assert not (tmp_path / "out").exists()
+        select_tested(open_route(tiny_route), ["vae"], selection, fit)
 
 
 def test_a_model_is_fitted_on_the_other_places(tiny_route: Path, tmp_path: Path) -> None:
     config = {"epochs": 1, "image_size": (32, 32), "held_out_gap": 0, "batch_size": 4}
-    tested, describers, _ = fit_and_open(
-        open_route(tiny_route), ["cp-vae"], Selection(slice(8, None)), "0:8", tmp_path / "out", settings=config
-    )
+    route = open_route(tiny_route)
+    tested = select_tested(route, ["cp-vae"], Selection(slice(8, None)), "0:8")
     assert [len(traverse) for traverse in tested.traverses] == [4, 4]
-    assert describers["cp-vae"].dimension == 96
+    ready = fit_and_open(route, ["cp-vae"], "0:8", tmp_path / "out", settings=config)
+    assert ready.describers["cp-vae"].dimension == 96
+    assert ready.sources == {"cp-vae": str(tmp_path / "out" / "runs" / "cp-vae")}
     assert (tmp_path / "out" / "runs" / "cp-vae" / "checkpoint.json").is_file()
 
 
@@ -103,18 +103,17 @@ def test_the_fitted_baselines_stand_beside_the_others(tiny_route: Path, tmp_path
     methods = ["cae", "fabmap", "hog"]
     route = open_route(tiny_route)
     with pytest.raises(ConfigError, match="too few for words = 1500"):  # 16 smooth frames of 32×64
-        fit_and_open(route, ["fabmap"], Selection(slice(8, None)), "0:8", tmp_path / "few", settings=config)
+        fit_and_open(route, ["fabmap"], "0:8", tmp_path / "few", settings=config)
     fit_method(
         route, build_config(model="fabmap", frames="0:8", seed=3, words=20, smallest_side=256), tmp_path / "words"
     )
     methods[1] = str(tmp_path / "words")
-    tested, describers, left_out = fit_and_open(
-        route, methods, Selection(slice(8, None)), "0:8", tmp_path / "out", settings=config
-    )
-    assert {label: one.metric for label, one in describers.items()} == {
+    tested = select_tested(route, methods, Selection(slice(8, None)), "0:8")
+    ready = fit_and_open(route, methods, "0:8", tmp_path / "out", settings=config)
+    assert {label: one.metric for label, one in ready.describers.items()} == {
         "cae": "cosine", "words": "place-posterior", "hog": "cosine",
     }  # fmt: skip
-    comparison = compare_methods(tested, describers, truth=Truth(1), matching=Matching())
+    comparison = compare_methods(open_study(tested, Truth(1), Matching()), ready, tmp_path / "plain")
     metrics = comparison.metrics()
     first = metrics["pairs"][0]["methods"]
     assert set(first["words"]["new_place"]) == {"mean_probability", "above_half"}
@@ -123,11 +122,10 @@ def test_the_fitted_baselines_stand_beside_the_others(tiny_route: Path, tmp_path
     write_comparison(comparison, tmp_path / "report", title="all", details={})
     assert (tmp_path / "report" / "report.html").is_file()
 
-    centred = compare_methods(
-        tested, describers, truth=Truth(1), matching=Matching("centre"), left_out={**left_out, "x": "absent"}
-    )
+    study = open_study(tested, Truth(1), Matching("centre"))
+    centred = compare_methods(study, replace(ready, left_out={"x": "absent"}), tmp_path / "centred")
     assert set(centred.describers) == {"cae", "hog"}
     assert centred.left_out["x"] == "absent"
     assert "--standardise centre does not apply to the words of fabmap" in centred.left_out["words"]
     with pytest.raises(ConfigError, match="--standardise centre does not apply"):
-        compare_methods(tested, {"words": describers["words"]}, truth=Truth(1), matching=Matching("centre"))
+        compare_methods(study, Methods({"words": ready.describers["words"]}), tmp_path / "words-alone")

@@ -14,7 +14,8 @@ from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, RouteError
 from everplace.experiments.comparison import compare_methods
 from everplace.experiments.evaluation import evaluate_method, write_evaluation
-from everplace.experiments.fitting import fit_and_open
+from everplace.experiments.fitting import Methods, select_tested
+from everplace.experiments.manifest import open_study
 from everplace.experiments.retrieval import Matching, Truth, choose_pair, retrieve, true_matches
 from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import save_checkpoint
@@ -159,10 +160,9 @@ def test_a_comparison_uses_the_pairs_in_both_directions(tiny_route: Path, tmp_pa
     pairs = "".join(f"winter,q{place},summer,{place}\n" for place in range(12))
     (tiny_route / "truth.csv").write_text("query_traverse,query,database_traverse,database\n" + pairs)
     (tiny_route / "route.toml").write_text('truth = "truth.csv"\n')
-    tested, describers, _ = fit_and_open(
-        open_route(tiny_route), ["hog"], Selection(), "", tmp_path / "out", settings={}
-    )
-    metrics = compare_methods(tested, describers, truth=Truth(), matching=Matching()).metrics()
+    tested = select_tested(open_route(tiny_route), ["hog"], Selection(), "")
+    study = open_study(tested, Truth(), Matching())
+    metrics = compare_methods(study, Methods({"hog": open_describer("hog")}), tmp_path / "out").metrics()
     assert metrics["truth"] == "truth.csv"
     assert [pair["methods"]["hog"]["queries_with_match"] for pair in metrics["pairs"]] == [12, 12]
 

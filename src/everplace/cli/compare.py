@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import shlex
+import sys
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -25,6 +28,10 @@ from everplace.cli.options import (
     Tolerance,
 )  # fmt: skip
 from everplace.cli.output import one_of, provenance, require_directory, show_progress, show_result, warn
+
+if TYPE_CHECKING:
+    from everplace.data.route import Route
+    from everplace.describe.protocol import Describer
 
 __all__ = ["compare", "register"]
 
@@ -68,6 +75,8 @@ def compare(
 ) -> None:
     """Compare methods on all ordered pairs of conditions; DIR gets metrics.json, table.md, pr_curves.png, report.html.
 
+    DIR/manifest.json says what another person needs for the same numbers; a comparison that was stopped goes on.
+
     Example: everplace compare my-route --methods cp-vae,sad,hog --fit-frames 0:800 --frames 820: --out result
     """
     how = one_of(standardise, "--standardise", ("centre", "full"))
@@ -77,42 +86,57 @@ def compare(
     from everplace.data.selection import Selection, parse_frames
     from everplace.experiments.comparison import compare_methods
     from everplace.experiments.comparison_report import write_comparison
-    from everplace.experiments.evaluation import seen_places
-    from everplace.experiments.fitting import fit_and_open
+    from everplace.experiments.fitting import fit_and_open, select_tested
+    from everplace.experiments.manifest import open_study, require_same_study
     from everplace.experiments.retrieval import Matching, Truth
 
     opened = open_route(route)
     names = tuple(name for name in conditions.split(",") if name)
     chosen = opened.choose(names) if names else opened
+    wanted = [name for name in methods.split(",") if name]
     selection = Selection(parse_frames(frames) if frames else None, drop_dark, drop_stationary)
-    settings = {
+    tested = select_tested(chosen, wanted, selection, fit_frames, show_progress())
+    given = {
         "image_size": image_size, "grey": grey or None, "seed": seed, "epochs": epochs, "minutes": minutes,
         "drop_dark": drop_dark or None, "drop_stationary": drop_stationary or None, "conditions": names or None,
     }  # fmt: skip
-    tested, describers, left_out = fit_and_open(
-        chosen,
-        [name for name in methods.split(",") if name],
-        selection,
-        fit_frames,
-        out,
-        settings={key: value for key, value in settings.items() if value is not None},
-        progress=show_progress(),
-    )
-    for label, describer in describers.items():
-        if seen := seen_places(describer, tested):
-            warn(f"{seen} of the tested places carry the names of places that {label} was trained on or chosen by")
-    comparison = compare_methods(
+    settings = {key: value for key, value in given.items() if value is not None}
+    study = open_study(
         tested,
-        describers,
-        truth=Truth(tolerance, radius),
-        matching=Matching(how, sequence, search),
-        left_out=left_out,
+        Truth(tolerance, radius),
+        Matching(how, sequence, search),
+        split={**given, "seed": seed or 0, "frames": frames, "fit_frames": fit_frames},
         progress=show_progress(),
     )
+    require_same_study(out, study)
+    ready = fit_and_open(chosen, wanted, fit_frames, out, settings=settings, progress=show_progress())
+    _warn_of_seen_places(ready.describers, tested)
+    comparison = compare_methods(study, ready, out, command=_command(), progress=show_progress())
     for method, reason in comparison.left_out.items():
         warn(f"{method} is left out: {reason}")
+    for note in comparison.notes:
+        warn(note)
     write_comparison(comparison, out, title=f"Comparison on {opened.name}", details=provenance())
     if as_json:
         show_result(comparison.metrics(), as_json=True)
     else:
         print((out / "table.md").read_text("utf-8"), end="")
+
+
+def _warn_of_seen_places(describers: Mapping[str, Describer], tested: Route) -> None:
+    from everplace.experiments.evaluation import seen_places
+
+    for label, describer in describers.items():
+        if seen := seen_places(describer, tested):
+            warn(f"{seen} of the tested places carry the names of places that {label} was trained on or chosen by")
+
+
+def _command() -> str:
+    """The command as it was given, but for the output directory: where it wrote changes no number."""
+    arguments = sys.argv[1:]
+    for index, argument in enumerate(arguments):
+        if argument.startswith("--out="):
+            arguments[index] = "--out=DIR"
+        elif index and arguments[index - 1] == "--out":
+            arguments[index] = "DIR"
+    return shlex.join(["everplace", *arguments])

@@ -15,14 +15,14 @@ import secrets
 import shutil
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.data.images import ImageSpec, decode_images, read_image_bytes, usable_cores
+from everplace.data.fingerprint import file_digests
+from everplace.data.images import ImageSpec, decode_images
 from everplace.data.traverse import Traverse
 from everplace.errors import ConfigError, RouteError, StorageError
 from everplace.files import cache_directory, readable, whole_directory, write_text
@@ -37,7 +37,6 @@ _VERSION = 1
 _PIXELS = "pixels.npy"
 _ABOUT = "pack.json"
 _BUFFER_BYTES = 2**20
-_FILES_A_TASK = 64
 _SECONDS_UNTIL_LOCKED = 60.0
 
 
@@ -106,16 +105,8 @@ def _key(traverse: Traverse, spec: ImageSpec, progress: Progress) -> str:
     """Returns the hash of all that decides what a pack holds."""
     settings = {"version": _VERSION, "size": spec.size, "grey": spec.grey, "stems": traverse.stems}
     key = hashlib.sha256(json.dumps(settings).encode())
-
-    def digests(start: int) -> bytes:
-        paths = traverse[start : start + _FILES_A_TASK].paths
-        return b"".join(hashlib.sha256(read_image_bytes(path)).digest() for path in paths)
-
-    # Threads, because hashlib gives up the interpreter lock.
-    starts = range(0, len(traverse), _FILES_A_TASK)
-    with ThreadPoolExecutor(min(8, usable_cores()), thread_name_prefix="hash") as pool:
-        for some in progress(pool.map(digests, starts), f"reading {traverse.name}", len(starts)):
-            key.update(some)
+    for some in file_digests(traverse, progress):
+        key.update(some)
     return key.hexdigest()[:40]
 
 

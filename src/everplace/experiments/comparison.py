@@ -2,27 +2,52 @@
 
 from __future__ import annotations
 
+import json
+import operator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import permutations
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from everplace.data.route import Route
 from everplace.describe.descriptors import Descriptors
+from everplace.describe.memory import peak_memory
 from everplace.describe.pipeline import time_describer
 from everplace.describe.protocol import Describer
-from everplace.errors import ConfigError, RouteError
+from everplace.errors import ConfigError, MethodError
 from everplace.evaluate.audit import Audit
+from everplace.experiments.comparison_parts import MethodResult, PairResult, Part, remove_leftovers
 from everplace.experiments.evaluation import audit_pair
+from everplace.experiments.fitting import Methods
+from everplace.experiments.manifest import MANIFEST, Study, require_same_study
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, retrieve, true_matches
+from everplace.files import write_text
 from everplace.match.standardise import standardisable
 from everplace.progress import Progress, quiet
+from everplace.training.run_directory import locked
 
-__all__ = ["SCORES", "Comparison", "compare_methods"]
+__all__ = ["COSTS", "SCORES", "Cell", "Comparison", "compare_methods"]
 
 SCORES = ("recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP")
 """Columns of the tables, in the order of `Comparison.table`."""
+
+COSTS = ("dimension", "bytes", "ms/image", "peak MB")
+"""The further columns."""
+
+_READ: dict[str, Callable[[PairResult], float]] = {
+    "recall@1": lambda one: one.scores.recall_at["1"],
+    "recall@5": lambda one: one.scores.recall_at["5"],
+    "recall@10": lambda one: one.scores.recall_at["10"],
+    "auc_pr": operator.attrgetter("scores.auc_pr"),
+    "AP": operator.attrgetter("scores.average_precision"),
+    "R@100%P": operator.attrgetter("scores.recall_at_100_precision"),
+    "EP": operator.attrgetter("scores.extended_precision"),
+}
+
+Cell: TypeAlias = str | float | int | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,22 +55,53 @@ class Comparison:
     """Results of several methods on one route.
 
     Attributes:
-        route: The traverses, after selection.
-        truth: When a match is right.
-        matching: Options of the match.
-        results: By (query, database) traverse name, then by the label of the method.
-        audits: By label, for methods of the VAE family.
+        study: What the methods share: route, truth, match.
+        methods: Results by label.
         describers: By label.
+        parts: By label, where the descriptors lie.
         left_out: Methods that could not run, with the reason.
+        manifest: The content of manifest.json.
     """
 
-    route: Route
-    truth: Truth
-    matching: Matching
-    results: dict[tuple[str, str], dict[str, Retrieval]]
-    audits: dict[str, Audit]
+    study: Study
+    methods: dict[str, MethodResult]
     describers: dict[str, Describer]
+    parts: dict[str, Part]
     left_out: dict[str, str] = field(default_factory=dict)
+    manifest: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def route(self) -> Route:
+        """The traverses, after selection."""
+        return self.study.route
+
+    @property
+    def truth(self) -> Truth:
+        """When a match is right."""
+        return self.study.truth
+
+    @property
+    def matching(self) -> Matching:
+        """Options of the match."""
+        return self.study.matching
+
+    @property
+    def results(self) -> dict[tuple[str, str], dict[str, PairResult]]:
+        """By (query, database) traverse name, then by the label of the method."""
+        names = [traverse.name for traverse in self.route.traverses]
+        return {
+            pair: {label: one.pairs[pair] for label, one in self.methods.items()} for pair in permutations(names, 2)
+        }
+
+    @property
+    def notes(self) -> list[str]:
+        """What else a reader must know, one sentence each."""
+        return [one.unmeasured for one in self.methods.values() if one.unmeasured]
+
+    @property
+    def audits(self) -> dict[str, Audit]:
+        """By label, for methods of the VAE family."""
+        return {label: one.audit for label, one in self.methods.items() if one.audit is not None}
 
     def metrics(self) -> dict[str, Any]:
         """The content of metrics.json."""
@@ -63,8 +119,7 @@ class Comparison:
                     "methods": {
                         label: {
                             **one.scores.to_dict(),
-                            "dimension": one.dimension,
-                            "ms_per_image": round(one.ms_per_image, 4),
+                            **self.methods[label].costs(),
                             **({"new_place": one.new_place} if one.new_place is not None else {}),
                         }
                         for label, one in results.items()
@@ -72,78 +127,112 @@ class Comparison:
                 }
                 for (query, database), results in self.results.items()
             ],
-            "mean_auc_pr": {label: self.mean_auc_pr(label) for label in self.describers},
+            "mean_auc_pr": {label: self.mean("auc_pr", label) for label in self.methods},
             "audit": {label: one.to_dict() for label, one in self.audits.items()},
             "left_out": self.left_out,
         }
 
-    def mean_auc_pr(self, label: str) -> float:
-        """Mean of a method's auc_pr over the pairs."""
-        return float(np.mean([results[label].scores.auc_pr for results in self.results.values()]))
+    def mean(self, score: str, label: str) -> float:
+        """Mean of one of a method's `SCORES` over the pairs."""
+        return float(np.mean([_READ[score](one) for one in self.methods[label].pairs.values()]))
 
-    def table(self, pair: tuple[str, str]) -> tuple[list[str], list[list[str | float | int | None]]]:
-        """Header and rows of one pair's scores."""
-        header = ["method", *SCORES, "dimension", "ms/image"]
-        rows: list[list[str | float | int | None]] = []
-        for label, one in self.results[pair].items():
-            s = one.scores
-            rows.append(
-                [
-                    label, s.recall_at["1"], s.recall_at["5"], s.recall_at["10"], s.auc_pr, s.average_precision,
-                    s.recall_at_100_precision, s.extended_precision, one.dimension, one.ms_per_image,
-                ]
-            )  # fmt: skip
-        return header, rows
+    def table(self, pair: tuple[str, str] | None = None) -> tuple[list[str], list[list[Cell]]]:
+        """Header and rows of one pair's scores, or of their means over all pairs."""
+        rows: list[list[Cell]] = []
+        for label, method in self.methods.items():
+            scores = [self.mean(name, label) if pair is None else _READ[name](method.pairs[pair]) for name in SCORES]
+            peak = None if method.peak_memory_mb is None else round(method.peak_memory_mb)
+            rows.append([label, *scores, method.dimension, method.bytes_per_descriptor, method.ms_per_image, peak])
+        return ["method", *SCORES, *COSTS], rows
+
+    def retrieval(self, pair: Pair, label: str) -> Retrieval:
+        """One method's retrieval with its similarity matrix, which is not kept, from the descriptors that are."""
+        matches, _ = true_matches(self.route, pair, self.truth)
+        described = {
+            traverse.name: self.parts[label].described(self.describers[label], number, traverse)
+            for number, traverse in enumerate(self.route.traverses)
+            if traverse.name in (pair.query.name, pair.database.name)
+        }
+        return retrieve(
+            self.describers[label], pair, matches, self.matching, described=described,
+            ms_per_image=self.methods[label].ms_per_image,
+        )  # fmt: skip
 
 
 def compare_methods(
-    route: Route,
-    describers: dict[str, Describer],
-    *,
-    truth: Truth,
-    matching: Matching,
-    left_out: dict[str, str] | None = None,
-    progress: Progress = quiet,
+    study: Study, methods: Methods, out: Path, *, command: str = "", progress: Progress = quiet
 ) -> Comparison:
     """Runs every method on every ordered pair of traverses.
 
+    What is done is kept in `out`/parts: an interrupted comparison goes on where it stood, and a finished one is read.
+
     Args:
-        route: The traverses, after selection.
-        describers: The methods by label.
-        truth: When a match is right.
-        matching: Options of the match.
-        left_out: Methods that could not be opened, with the reason, for the report.
+        study: What the methods share.
+        methods: The opened methods; those without a source get no peak memory.
+        out: The directory of the comparison; gets manifest.json at once.
+        command: How it was called, for the manifest.
         progress: Told of the describing.
 
     Raises:
-        RouteError: There is only one traverse.
-        ConfigError: The options of the match apply to none of the methods.
+        ConfigError: The options of the match apply to none of the methods, or `out` holds another study or is in use.
+        ImageError: A frame cannot be decoded.
+        StorageError: `out` cannot be written to.
     """
-    if len(route.traverses) < 2:
-        raise RouteError(f"a comparison needs two traverses, but {route.name} has one; add another or choose both")
-    describers, unsuited = _suited(describers, matching)
-    results: dict[tuple[str, str], dict[str, Retrieval]] = {}
-    described: dict[str, dict[str, Descriptors]] = {label: {} for label in describers}
-    timed = {label: time_describer(one, route.traverses[0].paths) for label, one in describers.items()}
-    resolved = truth
+    require_same_study(out, study)
+    describers, unsuited = _suited(methods.describers, study.matching)
+    left_out = {**methods.left_out, **unsuited}
+    manifest = {
+        **study.document,
+        "methods": {label: _told(one) for label, one in describers.items()},
+        "left_out": left_out,
+        "command": command,
+    }
+    parts = {label: Part(out, label, study.key(_told(one))) for label, one in describers.items()}
+    results: dict[str, MethodResult] = {}
+    with locked(out):
+        remove_leftovers(out)
+        write_text(out / MANIFEST, json.dumps(manifest, indent=2, ensure_ascii=False) + "\n")
+        for label, describer in describers.items():
+            result = parts[label].load()
+            if result is None:
+                result = _run(study, describer, methods.sources.get(label), parts[label], progress)
+                parts[label].save(result)
+            results[label] = result
+    return Comparison(study, results, describers, parts, left_out, manifest)
+
+
+def _run(study: Study, describer: Describer, source: str | None, part: Part, progress: Progress) -> MethodResult:
+    """One method on all pairs; only its own descriptors, and one similarity matrix, are in memory."""
+    route = study.route
+    ms_per_image = time_describer(describer, route.traverses[0].paths)
+    peak, unmeasured = _peak_memory(source, route)
+    described: dict[str, Descriptors] = {
+        traverse.name: part.described(describer, number, traverse, progress)
+        for number, traverse in enumerate(route.traverses)
+    }
+    pairs: dict[tuple[str, str], PairResult] = {}
     for query, database in permutations(route.traverses, 2):
         pair = Pair(query, database)
-        matches, resolved = true_matches(route, pair, truth)
-        results[query.name, database.name] = {
-            label: retrieve(
-                describer,
-                pair,
-                matches,
-                matching,
-                described=described[label],
-                ms_per_image=timed[label],
-                progress=progress,
-            )
-            for label, describer in describers.items()
-        }
-    audits = {label: audit_pair(describer, route, resolved, progress) for label, describer in describers.items()}
-    known = {label: one for label, one in audits.items() if one is not None}
-    return Comparison(route, resolved, matching, results, known, describers, {**(left_out or {}), **unsuited})
+        matches, _ = true_matches(route, pair, study.truth)
+        one = retrieve(describer, pair, matches, study.matching, described=described, ms_per_image=ms_per_image)
+        pairs[query.name, database.name] = PairResult(one.scores, one.curve, one.new_place)
+    audited = audit_pair(describer, route, study.truth, progress)
+    return MethodResult(pairs, describer.dimension, ms_per_image, peak, unmeasured, audited)
+
+
+def _peak_memory(source: str | None, route: Route) -> tuple[float | None, str]:
+    """The peak memory of a method, or why it is not known."""
+    if source is None:
+        return None, ""
+    try:
+        return peak_memory(source, route.traverses[0].paths), ""
+    except MethodError as error:
+        return None, str(error)
+
+
+def _told(describer: Describer) -> dict[str, str | int | float | bool]:
+    """What decides a method's numbers."""
+    return {"method": describer.method, "metric": describer.metric, **describer.settings()}
 
 
 def _suited(describers: dict[str, Describer], matching: Matching) -> tuple[dict[str, Describer], dict[str, str]]:

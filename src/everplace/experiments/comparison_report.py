@@ -1,18 +1,20 @@
-"""What a comparison writes: metrics.json, table.md, pr_curves.png and report.html."""
+"""What a comparison writes when all is scored: metrics.json, table.md, pr_curves.png and report.html."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
+from matplotlib.figure import Figure
 
 from everplace.describe.methods.vae import VAEDescriber
-from everplace.experiments.comparison import SCORES, Comparison
+from everplace.experiments.comparison import COSTS, SCORES, Cell, Comparison
+from everplace.experiments.comparison_parts import PairResult
 from everplace.experiments.latent_report import audit_section, latent_section
+from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.pictures import match_figure, matrix_figure
-from everplace.experiments.retrieval import Pair, Retrieval
+from everplace.experiments.retrieval import Pair
 from everplace.files import write_text
 from everplace.plots.canvas import new_figure, save_figure
 from everplace.plots.curves import draw_precision_recall_panels
@@ -20,6 +22,10 @@ from everplace.plots.interactive import precision_recall_figure
 from everplace.report.html import Report
 
 __all__ = ["write_comparison"]
+
+
+_FEW_PAIRS = 6
+"""With more, a pair shows the pictures of its best method alone, at the page's own resolution."""
 
 
 def write_comparison(comparison: Comparison, out: Path, *, title: str, details: dict[str, str]) -> Report:
@@ -34,7 +40,13 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
     route = comparison.route
     subtitle = f"{route.name}: {len(route.traverses[0])} places, {comparison.truth}, match {comparison.matching}"
     report = Report(title, subtitle=subtitle, details=details)
-    _summary(report, comparison)
+    panels = {
+        pair: {label: one.curve for label, one in results.items()} for pair, results in comparison.results.items()
+    }
+    figure = new_figure(10)
+    draw_precision_recall_panels(figure, panels)
+    save_figure(figure, out / "pr_curves.png")
+    _summary(report, comparison, figure)
     for pair, results in comparison.results.items():
         _pair_section(report, comparison, pair, results)
     if comparison.audits:
@@ -42,35 +54,38 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
     for label, describer in comparison.describers.items():
         if isinstance(describer, VAEDescriber) and route.aligned:
             latent_section(report.section(f"What the latent of {label} holds"), describer, route, out, f"{label}-")
-    panels = {
-        pair: {label: one.curve for label, one in results.items()} for pair, results in comparison.results.items()
-    }
-    figure = new_figure()
-    draw_precision_recall_panels(figure, panels)
-    save_figure(figure, out / "pr_curves.png")
+    _how(report, comparison)
     write_text(out / "table.md", _markdown(comparison))
     write_text(out / "metrics.json", json.dumps(comparison.metrics(), indent=2) + "\n")
     report.write(out / "report.html")
     return report
 
 
-def _summary(report: Report, comparison: Comparison) -> None:
+def _summary(report: Report, comparison: Comparison, panels: Figure) -> None:
     section = report.section("Summary")
-    rows: list[list[str | float | int | None]] = [
-        [label, comparison.mean_auc_pr(label), _mean_recall(comparison, label)] for label in comparison.describers
-    ]
+    header, rows = comparison.table()
     section.table(
-        ["method", "auc_pr", "recall@1"],
-        rows,
-        caption="Means over all ordered pairs of conditions.",
-        best={"auc_pr": "highest", "recall@1": "highest"},
+        header, rows, caption="Means over all ordered pairs of conditions.", best=dict.fromkeys(SCORES, "highest")
     )
     for method, reason in comparison.left_out.items():
         section.paragraph(f"{method} was left out: {reason}")
+    for note in comparison.notes:
+        section.paragraph(note)
+    section.figure(
+        panels,
+        alt=f"Precision-recall curves of {len(comparison.methods)} methods, a panel for each ordered pair.",
+        caption="Precision-recall curves: the frames of one condition looked for in another.",
+    )
+
+
+def _how(report: Report, comparison: Comparison) -> None:
+    section = report.section("How it was measured")
+    section.table(["what", "definition"], [[name, text] for name, text in DEFINITIONS.items()])
+    section.folded("Manifest", json.dumps(comparison.manifest, indent=2, ensure_ascii=False))
 
 
 def _pair_section(
-    report: Report, comparison: Comparison, names: tuple[str, str], results: dict[str, Retrieval]
+    report: Report, comparison: Comparison, names: tuple[str, str], results: dict[str, PairResult]
 ) -> None:
     query, database = names
     pair = Pair(comparison.route[query], comparison.route[database])
@@ -83,16 +98,20 @@ def _pair_section(
     )
     header, rows = comparison.table(names)
     section.table(header, rows, best=dict.fromkeys(SCORES, "highest"))
-    for label in _shown(comparison, areas):
+    many = len(comparison.results) > _FEW_PAIRS
+    for label in _shown(comparison, areas)[-1 if many else 0 :]:
+        retrieval = comparison.retrieval(pair, label)
         section.figure(
-            matrix_figure(pair, results[label], title=label),
+            matrix_figure(pair, retrieval, title=label),
             alt=f"Similarity matrix of {label}.",
             caption="Similarity matrix",
+            dpi=96 if many else 192,
         )
         section.figure(
-            match_figure(pair, results[label], title=label),
+            match_figure(pair, retrieval, title=label),
             alt=f"Matches of {label}.",
             caption="Right and wrong matches",
+            dpi=96 if many else 192,
         )
 
 
@@ -102,21 +121,25 @@ def _shown(comparison: Comparison, areas: Mapping[str, float]) -> list[str]:
     return list(dict.fromkeys(max(group, key=lambda label: areas[label]) for group in (models, list(areas)) if group))
 
 
-def _mean_recall(comparison: Comparison, label: str) -> float:
-    return float(np.mean([results[label].scores.recall_at["1"] for results in comparison.results.values()]))
-
-
 def _markdown(comparison: Comparison) -> str:
     lines = [f"{comparison.route.name}, {comparison.truth}, match {comparison.matching}", ""]
+    if len(comparison.results) > 2:
+        lines += ["**Mean over all ordered pairs**", "", *_markdown_table(*comparison.table()), ""]
     for query, database in comparison.results:
-        header, rows = comparison.table((query, database))
-        lines += [f"**{query} against {database}**", "", "| " + " | ".join(header) + " |"]
-        lines += ["|" + "---|" * len(header)]
-        lines += ["| " + " | ".join(_cell(value) for value in row) + " |" for row in rows]
-        lines += [""]
-    lines += [f"{method} was left out: {reason}" for method, reason in comparison.left_out.items()]
+        table = comparison.table((query, database))
+        lines += [f"**{query} against {database}**", "", *_markdown_table(*table), ""]
+    lines += [f"{method} was left out: {reason}  " for method, reason in comparison.left_out.items()]
+    lines += [f"{note}  " for note in comparison.notes]
+    lines += ["", *(f"{name}: {DEFINITIONS[name]}  " for name in COSTS)]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _cell(value: str | float | None) -> str:
+def _markdown_table(header: Sequence[str], rows: Sequence[Sequence[Cell]]) -> list[str]:
+    head = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    return head + ["| " + " | ".join(_cell(value) for value in row) + " |" for row in rows]
+
+
+def _cell(value: Cell) -> str:
+    if value is None:
+        return "\N{EN DASH}"
     return f"{value:.3f}" if isinstance(value, float) else str(value)

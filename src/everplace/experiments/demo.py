@@ -15,7 +15,8 @@ from everplace.describe.protocol import Describer
 from everplace.describe.registry import open_describer
 from everplace.experiments.comparison import compare_methods
 from everplace.experiments.comparison_report import write_comparison
-from everplace.experiments.fitting import fit
+from everplace.experiments.fitting import Methods, fit, run_of
+from everplace.experiments.manifest import open_study
 from everplace.experiments.retrieval import Matching, Truth
 from everplace.model.checkpoint import load_checkpoint
 from everplace.model.config import ModelKind
@@ -83,7 +84,7 @@ def run_demo(
     curves = {}
     chosen = {}
     for kind in MODELS:
-        run = out / "runs" / kind
+        run = run_of(out, kind)
         wanted = {
             "model": kind,
             "frames": settings.trained,
@@ -95,7 +96,12 @@ def run_demo(
         chosen[kind] = load_checkpoint(run).about["epoch"]
     describers |= {name: open_describer(name) for name in ("sad", "hog")}
     tested = select(route, Selection(parse_frames(settings.tested)), progress)
-    comparison = compare_methods(tested, describers, truth=Truth(), matching=Matching(), progress=progress)
+    sources = {label: str(run_of(out, label)) if label in MODELS else label for label in describers}
+    split = {"frames": settings.tested, "fit_frames": settings.trained}
+    study = open_study(tested, Truth(), Matching(), split=split, progress=progress)
+    comparison = compare_methods(
+        study, Methods(describers, sources), out, command=details.get("command", ""), progress=progress
+    )
     report = write_comparison(
         comparison, out, title="everplace demo: a rendered route, summer and winter", details=details
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,36 +16,39 @@ from everplace.files import readable
 from everplace.progress import Progress, quiet
 from everplace.training.methods import FITTED_METHODS, build_config, fit_method
 
-__all__ = ["fit", "fit_and_open"]
+__all__ = ["Methods", "fit", "fit_and_open", "run_of", "select_tested"]
 
 
-def fit_and_open(
-    route: Route,
-    methods: Sequence[str],
-    selection: Selection,
-    fit_frames: str,
-    out: Path,
-    *,
-    settings: Mapping[str, Any],
-    progress: Progress = quiet,
-) -> tuple[Route, dict[str, Describer], dict[str, str]]:
-    """Opens every method; those that are named and must be fitted are fitted first, into `out`/runs.
+@dataclass(frozen=True)
+class Methods:
+    """Opened methods.
+
+    Attributes:
+        describers: By label, in the order of the tables.
+        sources: By label, what `open_describer` takes to open the method again.
+        left_out: Methods that could not be opened, with the reason.
+    """
+
+    describers: dict[str, Describer]
+    sources: dict[str, str] = field(default_factory=dict)
+    left_out: dict[str, str] = field(default_factory=dict)
+
+
+def select_tested(
+    route: Route, methods: Sequence[str], selection: Selection, fit_frames: str, progress: Progress = quiet
+) -> Route:
+    """Restricts a route to the places to test on, and makes sure that no method is to be fitted on them.
 
     Args:
         route: The chosen traverses.
         methods: Run directories, or names of methods.
         selection: The places to test on.
         fit_frames: `A:B`, the places to fit on; they may not overlap the tested ones.
-        out: The directory of the comparison.
-        settings: Values of `TrainConfig` for the networks that are fitted; FAB-MAP takes its own of them, and looks
-            at images as they are stored.
-        progress: Told of decoding.
-
-    Returns:
-        The route restricted to the tested places, the methods by label, and those left out with the reason.
+        progress: Told of the decoding that a filter needs.
 
     Raises:
-        ConfigError: A model is to be fitted without --fit-frames, or on tested places; or no method can run.
+        ConfigError: There is no method, or a model is to be fitted without --fit-frames or on tested places.
+        RouteError: Nothing is left of the route.
     """
     if not methods:
         raise ConfigError("--methods names no method; give run directories, sad, hog, ..., separated by commas")
@@ -56,11 +59,39 @@ def fit_and_open(
     tested = select(route, selection, progress, only_shared=route.matched_by_stem or bool(fitted))
     if fitted:
         _require_apart(select(route, replace(selection, frames=None), progress), selection.frames, fit_frames, fitted)
+    return tested
+
+
+def fit_and_open(
+    route: Route,
+    methods: Sequence[str],
+    fit_frames: str,
+    out: Path,
+    *,
+    settings: Mapping[str, Any],
+    progress: Progress = quiet,
+) -> Methods:
+    """Opens every method; those that are named and must be fitted are fitted first, into `out`/runs.
+
+    Args:
+        route: The chosen traverses, all of their places.
+        methods: Run directories, or names of methods.
+        fit_frames: `A:B`, the places to fit on, apart from the tested ones (see `select_tested`).
+        out: The directory of the comparison.
+        settings: Values of `TrainConfig` for the networks that are fitted; FAB-MAP takes its own of them, and looks
+            at images as they are stored.
+        progress: Told of decoding.
+
+    Raises:
+        ConfigError: A setting is wrong, an earlier call used others, or no method can run.
+        MethodError: There is no such method.
+    """
     describers: dict[str, Describer] = {}
+    sources: dict[str, str] = {}
     left_out: dict[str, str] = {}
     opened: dict[str, Describer] = {}
     for method in methods:  # before anything is fitted, which takes long
-        if method in fitted:
+        if method in FITTED_METHODS:
             continue
         try:
             opened[method] = open_describer(method, progress=progress)
@@ -69,14 +100,21 @@ def fit_and_open(
                 raise
             left_out[method] = str(error)
     for method in methods:
-        if method in fitted:
+        if method in FITTED_METHODS:
             own = {**_settings_of(method, settings), "model": method, "frames": fit_frames}
             describers[method] = fit(route, own, out, progress)
+            sources[method] = str(run_of(out, method))
         elif method in opened:
-            describers[_label(method, describers)] = opened[method]
+            label = _label(method, describers)
+            describers[label], sources[label] = opened[method], method
     if not describers:
         raise ConfigError(f"--methods {','.join(methods)}: none of them can run: {'; '.join(left_out.values())}")
-    return tested, describers, left_out
+    return Methods(describers, sources, left_out)
+
+
+def run_of(out: Path, method: str) -> Path:
+    """Where a study keeps the run of a method that it fitted."""
+    return out / "runs" / method
 
 
 def fit(route: Route, settings: Mapping[str, Any], out: Path, progress: Progress = quiet) -> Describer:
@@ -91,7 +129,7 @@ def fit(route: Route, settings: Mapping[str, Any], out: Path, progress: Progress
     Raises:
         ConfigError: A setting is wrong, or an earlier call used others.
     """
-    run = out / "runs" / str(settings["model"])
+    run = run_of(out, str(settings["model"]))
     config = build_config(**settings)
     try:
         fit_method(route, config, run, resume=True, progress=progress, show=True)

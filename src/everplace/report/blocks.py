@@ -24,6 +24,7 @@ __all__ = [
     "escaped",
     "facts_block",
     "figure_block",
+    "folded_block",
     "formatted",
     "table_block",
 ]
@@ -139,6 +140,11 @@ def chart_block(figure: go.Figure, *, alt: str, caption: str) -> str:
         "<noscript><p>This chart needs JavaScript; it asks nothing from the network.</p></noscript>"
         f"{_caption(caption)}</figure>"
     )
+
+
+def folded_block(title: str, text: str) -> str:
+    """A long text as it is, which opens when its title is chosen."""
+    return f"<details><summary>{escaped(title)}</summary><pre>{escaped(text)}</pre></details>"
 
 
 def _caption(text: str) -> str:

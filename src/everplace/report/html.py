@@ -42,6 +42,11 @@ class Section:
         self._blocks.append(f"<p>{escaped(text)}</p>")
         return self
 
+    def folded(self, title: str, text: str) -> Section:
+        """Adds a long text, such as a configuration, of which only the title shows until it is opened."""
+        self._blocks.append(blocks.folded_block(title, text))
+        return self
+
     def facts(self, facts: Mapping[str, Value], *, digits: int = 3) -> Section:
         """Adds headline numbers, each name above its value (floats with `digits` decimals)."""
         self._blocks.append(blocks.facts_block(facts, digits))

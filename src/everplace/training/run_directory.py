@@ -39,12 +39,12 @@ def leads() -> bool:
 
 @contextmanager
 def locked(out: Path) -> Iterator[None]:
-    """Keeps other processes from training into a run directory, which is made if missing.
+    """Keeps other processes from writing into a run directory, which is made if missing.
 
     The system lets go of the lock when the process ends, however it ends. Windows has no such locks.
 
     Raises:
-        ConfigError: Another process trains into it.
+        ConfigError: Another process writes into it.
         StorageError: The directory cannot be made.
     """
     if sys.platform == "win32" or not leads():
@@ -127,7 +127,7 @@ def _lock(descriptor: int, out: Path) -> None:
     while not _take(descriptor):
         if time.monotonic() >= end:
             raise ConfigError(
-                f"--out {readable(out)} is being trained by another process; wait for it to end, or name another"
+                f"--out {readable(out)} is being written by another process; wait for it to end, or name another"
             )
         time.sleep(0.1)
 

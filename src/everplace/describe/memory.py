@@ -1,0 +1,77 @@
+"""Peak memory of a method, measured in a process of its own: what a robot that runs only this method needs.
+
+In the process of a comparison the figure would be that of all methods together: libraries once imported and weights
+once loaded stay. So another process opens the method and describes some images, and says how much of it was in main
+memory at its highest: Python, the libraries and the weights count, memory of a GPU does not.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from everplace.errors import MethodError
+
+__all__ = ["peak_memory"]
+
+_FRAMES = 64
+_MEGABYTE = 10**6
+
+
+def peak_memory(method: str, paths: Sequence[Path], *, frames: int = _FRAMES) -> float | None:
+    """Measures the largest resident memory of a process that opens a method and describes images with it.
+
+    Args:
+        method: As `everplace.describe.registry.open_describer` takes it.
+        paths: Images to choose from; the first `frames` are described, in the method's batches.
+        frames: Number of images; the default is two of the usual batches, after which only the descriptors grow.
+
+    Returns:
+        Megabytes (10⁶ bytes); None where the system does not tell (Windows).
+
+    Raises:
+        MethodError: The process failed; the message holds its last line.
+    """
+    order = json.dumps({"method": method, "paths": [os.fspath(path) for path in paths[:frames]]})
+    # What this process can import the other one can, and nothing from the current directory besides.
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONSAFEPATH": "1"}
+    done = subprocess.run(
+        [sys.executable, "-m", __name__], input=order, capture_output=True, text=True, check=False, env=environment
+    )
+    if done.returncode:
+        said = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
+        raise MethodError(f"the peak memory of {method} could not be measured: {said[-1]}")
+    measured = json.loads(done.stdout.splitlines()[-1])
+    return None if measured is None else float(measured)
+
+
+def _main() -> None:
+    from everplace.describe.pipeline import describe_paths
+    from everplace.describe.registry import open_describer
+
+    order = json.load(sys.stdin)
+    paths = [Path(path) for path in order["paths"]]
+    describe_paths(open_describer(order["method"]), paths, [str(number) for number in range(len(paths))])
+    print("\n" + json.dumps(_peak_of_this_process()))
+
+
+def _peak_of_this_process() -> float | None:
+    status = Path("/proc/self/status")
+    if status.exists():
+        # Not ru_maxrss: on Linux that begins with the memory of the process that started this one.
+        lines = status.read_text("ascii", "replace").splitlines()
+        return next(1024 * int(line.split()[1]) / _MEGABYTE for line in lines if line.startswith("VmHWM:"))
+    if sys.platform == "win32":
+        return None
+    import resource
+
+    largest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return largest * (1 if sys.platform == "darwin" else 1024) / _MEGABYTE
+
+
+if __name__ == "__main__":
+    _main()

@@ -1,0 +1,201 @@
+"""What a comparison is made of: DIR/manifest.json says enough for another person to get the same numbers.
+
+What all methods share is the study: route, truth, match, split, versions. One directory holds one study. Methods may
+be added to it, taken away, or trained anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import importlib.metadata
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from everplace.data.fingerprint import traverse_fingerprint
+from everplace.data.route import Route
+from everplace.errors import ConfigError, RouteError
+from everplace.experiments.retrieval import Matching, Pair, Truth, true_matches
+from everplace.files import readable
+from everplace.progress import Progress, quiet
+
+__all__ = ["DEFINITIONS", "MANIFEST", "Study", "open_study", "require_same_study"]
+
+MANIFEST = "manifest.json"
+
+DEFINITIONS = {
+    "pair": "Each frame of the query traverse asks the whole database traverse; every ordered pair is a pair.",
+    "curve": "Each query proposes its best database frame; precision = correct proposals / proposals, recall = correct "
+    "proposals / queries that have a true match, one point for each distinct score.",
+    "recall@N": "Share of the queries that have a true match for which one is among the N best database frames.",
+    "auc_pr": "Area under the curve: trapezoids over recall, and the rectangle from recall 0 to the first point.",
+    "AP": "Average precision over all pairs of a query and a database frame, as scikit-learn's.",
+    "R@100%P": "Largest recall of the curve that is reached without a wrong proposal.",
+    "EP": "Extended precision: mean of the precision at the lowest recall and R@100%P.",
+    "dimension": "Numbers in a descriptor.",
+    "bytes": "Bytes of a descriptor, as float32.",
+    "ms/image": "Median milliseconds to describe one decoded image alone, over 32; opening the method is not counted.",
+    "peak MB": "Largest resident memory, in 10^6 bytes, of a process of its own that opens the method and describes 64 "
+    "images in batches: Python, libraries and weights count, memory of a GPU does not.",
+}
+"""One sentence for every score and cost, by its column in the tables."""
+
+_FORMAT = 1
+_LIBRARIES = (
+    "everplace", "h5py", "lightning", "numpy", "onnxruntime", "pillow", "safetensors", "scikit-learn", "scipy", "torch",
+)  # fmt: skip
+_NOT_OF_THE_STUDY = ("methods", "left_out", "command")
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What all methods of a comparison share.
+
+    Attributes:
+        route: The traverses, after selection; at least two.
+        truth: When a match is right, fully resolved.
+        matching: Options of the match.
+        document: All of it, with versions, fingerprints and definitions, as plain values for manifest.json.
+    """
+
+    route: Route
+    truth: Truth
+    matching: Matching
+    document: dict[str, Any]
+
+    def key(self, settings: Mapping[str, Any]) -> str:
+        """A hash of the study and of one method's settings, which decide that method's results."""
+        text = json.dumps([self.document, dict(settings)], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def open_study(
+    route: Route,
+    truth: Truth,
+    matching: Matching,
+    *,
+    split: Mapping[str, Any] | None = None,
+    progress: Progress = quiet,
+) -> Study:
+    """Gathers what a comparison is made of; every image file is read once.
+
+    Args:
+        route: The traverses, after selection.
+        truth: When a match is right; what it leaves open comes from the route.
+        matching: Options of the match.
+        split: How the places were chosen, and with what methods are fitted; plain values.
+        progress: Told of the files read.
+
+    Raises:
+        RouteError: There is only one traverse, or the truth cannot be told.
+        ConfigError: Both a tolerance and a radius are given.
+        ImageError: An image cannot be read.
+    """
+    if len(route.traverses) < 2:
+        raise RouteError(f"a comparison needs two traverses, but {route.name} has one; add another or choose both")
+    digest = hashlib.sha256()
+    pairs = [Pair(query, database) for query, database in permutations(route.traverses, 2)]
+    resolved = truth
+    for pair in pairs:
+        matches, resolved = true_matches(route, pair, truth)
+        digest.update(np.packbits(matches).tobytes())
+    document = {  # in this order a directory that holds another study names what differs
+        "format": _FORMAT,
+        "route": route.name,
+        "split": dict(split or {}),
+        "truth": {
+            "tolerance": resolved.tolerance,
+            "radius": resolved.radius,
+            "pairs": resolved.pairs,
+            "sha256": digest.hexdigest(),
+        },
+        "match": matching.metrics(),
+        "traverses": [
+            {
+                "name": traverse.name,
+                "condition": traverse.condition,
+                "frames": len(traverse),
+                "sha256": traverse_fingerprint(traverse, progress),
+            }
+            for traverse in route.traverses
+        ],
+        "pairs": [{"query": pair.query.name, "database": pair.database.name} for pair in pairs],
+        "versions": _versions(),
+        "machine": _machine(),
+        "definitions": DEFINITIONS,
+    }
+    return Study(route, resolved, matching, json.loads(json.dumps(document)))
+
+
+def require_same_study(out: Path, study: Study) -> None:
+    """Makes sure that a directory holds no other study; nothing is written.
+
+    Raises:
+        ConfigError: It does, or its manifest.json cannot be read.
+    """
+    path = out / MANIFEST
+    if not path.exists():
+        return
+    try:
+        before = json.loads(path.read_text("utf-8"))
+        known = {name: value for name, value in before.items() if name not in _NOT_OF_THE_STUDY}
+    except (OSError, ValueError, AttributeError, RecursionError):
+        raise ConfigError(
+            f"{readable(path)} was not written by `everplace compare`, or was altered; name another --out, or remove it"
+        ) from None
+    if different := _differences(known, study.document):
+        name, old, new = different[0]
+        raise ConfigError(
+            f"{readable(out)} holds a comparison with other settings ({name} was {_short(old)} and is now "
+            f"{_short(new)}); name another --out, or remove it"
+        )
+
+
+def _differences(old: Any, new: Any, name: str = "") -> list[tuple[str, Any, Any]]:
+    """Where two documents differ, by dotted names."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        keys = [*new, *(key for key in old if key not in new)]
+        parts = [_differences(old.get(key), new.get(key), f"{name}.{key}".strip(".")) for key in keys]
+        return [one for part in parts for one in part]
+    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        parts = [_differences(*both, f"{name}.{index}") for index, both in enumerate(zip(old, new, strict=True))]
+        return [one for part in parts for one in part]
+    return [] if old == new else [(name, old, new)]
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 40 else f"{text[:36]} ..."
+
+
+def _versions() -> dict[str, str]:
+    import cv2
+
+    found = {"python": platform.python_version(), "opencv": cv2.__version__}
+    for name in _LIBRARIES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):  # an extra
+            found[name] = importlib.metadata.version(name)
+    return found
+
+
+def _machine() -> dict[str, str]:
+    import torch
+
+    device = torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu"
+    return {"system": f"{platform.system()} {platform.machine()}", "processor": _processor(), "device": device}
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text("utf-8", "replace").splitlines()
+    except OSError:
+        lines = []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.processor() or "unknown")

@@ -1,0 +1,37 @@
+"""`everplace compare` as tests call it."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+from everplace.cli import main
+
+MEASURED = ("ms_per_image", "peak_memory_mb")
+"""What of the metrics is measured by a clock or the system, and so differs from run to run."""
+
+
+def compare(route: Path, out: Path, *options: str) -> dict[str, Any]:
+    """Runs it and returns the content of metrics.json."""
+    status, err = _call(route, out, *options)
+    assert status == 0, err
+    metrics: dict[str, Any] = json.loads((out / "metrics.json").read_text())
+    return metrics
+
+
+def refused(route: Path, out: Path, *options: str) -> str:
+    """Runs it where it must fail, and returns the one sentence that says why."""
+    status, err = _call(route, out, *options)
+    assert status == 2, err
+    (line,) = err.strip().splitlines()
+    return line
+
+
+def _call(route: Path, out: Path, *options: str) -> tuple[int, str]:
+    err = io.StringIO()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(err):
+        status = main.run(["compare", str(route), *options, "--out", str(out)])
+    return status, err.getvalue()

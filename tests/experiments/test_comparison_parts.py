@@ -1,0 +1,106 @@
+"""A comparison that was killed goes on; what was done is not done again."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.experiments.comparing import MEASURED, compare
+
+from everplace.data.route import open_route
+from everplace.describe.registry import open_describer
+from everplace.evaluate.audit import Audit, Probe
+from everplace.evaluate.scores import evaluate, precision_recall
+from everplace.experiments.comparison_parts import MethodResult, PairResult, Part
+
+
+def result(audit: Audit | None = None) -> MethodResult:
+    S = np.array([[0.1, 0.30000001192, -np.inf], [0.5, 0.2, 0.2]], np.float32)
+    truth = np.array([[False, True, False], [False, False, True]])
+    pair = PairResult(evaluate(S, truth), precision_recall(S, truth), {"mean_probability": 0.1, "above_half": 1})
+    return MethodResult({("a", "b"): pair}, 3, 1 / 3, 123.4, "", audit)
+
+
+def test_a_kept_result_is_the_same_to_the_last_bit(tmp_path: Path) -> None:
+    part = Part(tmp_path, "hub:some/one:x?y=1", "0123")
+    assert part.load() is None
+    part.save(result())
+    back = part.load()
+    assert back is not None
+    assert (back.costs(), back.audit) == (result().costs(), None)
+    there, here = back.pairs["a", "b"], result().pairs["a", "b"]
+    assert (there.scores, there.new_place) == (here.scores, here.new_place)
+    for name in ("recall", "precision", "threshold"):
+        np.testing.assert_array_equal(getattr(there.curve, name), getattr(here.curve, name), strict=True)
+
+
+def test_a_damaged_part_is_made_again(tiny_route: Path, tmp_path: Path) -> None:
+    part = Part(tmp_path, "sad", "0123")
+    part.save(result())
+    (part.directory / "result.json").write_text((part.directory / "result.json").read_text()[:-20])
+    assert part.load() is None
+    summer = open_route(tiny_route)["summer"]
+    made = part.described(open_describer("sad"), 0, summer)
+    (part.directory / "descriptors-0.h5").write_bytes(b"\x89HDF")
+    again = part.described(open_describer("sad"), 0, summer)
+    np.testing.assert_array_equal(again.values, made.values)
+
+
+def test_a_finished_comparison_is_read_and_a_method_can_be_added(tiny_route: Path, tmp_path: Path) -> None:
+    out = tmp_path / "c"
+    compare(tiny_route, out, "--methods", "sad")
+    (kept,) = out.glob("parts/*/result.json")
+    document = json.loads(kept.read_text())
+    # A figure that no method reaches shows that it was read, not measured again.
+    kept.write_text(json.dumps(document | {"ms_per_image": 12345.0}))
+    metrics = compare(tiny_route, out, "--methods", "hog,sad")
+    assert metrics["pairs"][0]["methods"]["sad"]["ms_per_image"] == 12345.0
+    assert list(metrics["pairs"][0]["methods"]) == ["hog", "sad"]
+    assert list(json.loads((out / "manifest.json").read_text())["methods"]) == ["hog", "sad"]
+
+
+@pytest.mark.slow
+def test_a_comparison_killed_at_any_moment_continues(tiny_route: Path, tmp_path: Path) -> None:
+    out = tmp_path / "killed"
+    options = ["--methods", "sad,hog"]
+    command = [sys.executable, "-m", "everplace.cli.main", "compare", str(tiny_route), *options, "--out", str(out)]
+    for moment in ("parts/sad-*/descriptors-0.h5", "parts/sad-*/result.json"):
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        while not any(out.glob(moment)):
+            assert process.poll() is None
+            time.sleep(0.002)
+        process.kill()
+        assert process.wait() == -signal.SIGKILL
+    assert not (out / "metrics.json").exists()
+    assert not any(out.glob("parts/hog-*/result.json"))
+    done = {path: (path.stat().st_ino, path.stat().st_mtime_ns) for path in out.glob("parts/sad-*/*")}
+    assert len(done) == 3
+
+    metrics = compare(tiny_route, out, *options)
+    assert {path: (path.stat().st_ino, path.stat().st_mtime_ns) for path in out.glob("parts/sad-*/*")} == done
+    assert not any(out.rglob(".*"))
+    whole = compare(tiny_route, tmp_path / "whole", *options)
+    for one, other in zip(metrics["pairs"], whole["pairs"], strict=True):
+        for method in ("sad", "hog"):
+            for values in (one["methods"][method], other["methods"][method]):
+                assert all(values.pop(name) > 0 for name in MEASURED)
+    assert metrics == whole
+
+
+def test_an_audit_is_kept(tmp_path: Path) -> None:
+    fields = Audit.__dataclass_fields__
+    values = {"condition_from_z_p": Probe(0.5, 0.6, 0.5), "condition_from_z_c": None, "swap": None}
+    plain = {"float": 0.5, "int": 2, "bool": True, "dict[str, float]": {"z_p": 0.1}, "dict[str, int]": {"z_p": 1}}
+    plain["dict[str, list[float]]"] = {"z_p": [0.1]}
+    audit = Audit(**{name: values[name] if name in values else plain[str(one.type)] for name, one in fields.items()})
+    part = Part(tmp_path, "vae", "0")
+    part.save(result(audit))
+    back = part.load()
+    assert back is not None
+    assert back.audit == audit

@@ -1,0 +1,104 @@
+"""What manifest.json says: all that decides the numbers, and nothing that changes from run to run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+from tests.experiments.comparing import MEASURED, compare, refused
+
+from everplace.data.route import open_route
+from everplace.data.selection import Selection, select
+from everplace.experiments.comparison import COSTS, SCORES
+from everplace.experiments.manifest import DEFINITIONS, open_study
+from everplace.experiments.retrieval import Matching, Truth
+
+
+def without_measured(metrics: Any) -> Any:
+    """Metrics without the times and memory, which a clock and not the comparison decides."""
+    if isinstance(metrics, dict):
+        return {name: without_measured(value) for name, value in metrics.items() if name not in MEASURED}
+    return [without_measured(one) for one in metrics] if isinstance(metrics, list) else metrics
+
+
+def manifest_of(out: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((out / "manifest.json").read_text())
+    return found
+
+
+def test_two_runs_have_equal_manifests_and_metrics(tiny_route: Path, tmp_path: Path) -> None:
+    options = ["--methods", "sad,hog", "--frames", "2:", "--seed", "3"]
+    metrics = [compare(tiny_route, tmp_path / name, *options) for name in ("one", "two")]
+    assert without_measured(metrics[0]) == without_measured(metrics[1])
+    one, two = (manifest_of(tmp_path / name) for name in ("one", "two"))
+    assert one == two
+    assert set(one["versions"]) >= {"everplace", "python", "numpy", "opencv", "torch", "pillow"}
+    assert one["machine"]["processor"]
+    assert [traverse["frames"] for traverse in one["traverses"]] == [10, 10]
+    assert one["pairs"] == [
+        {"query": "summer", "database": "winter"},
+        {"query": "winter", "database": "summer"},
+    ]
+    assert (one["split"]["frames"], one["split"]["seed"], one["truth"]["tolerance"]) == ("2:", 3, 1)
+    assert one["methods"]["hog"] == {"method": "hog", "metric": "cosine", "cell": 8, "block": 16, "bins": 9}
+    assert set(one["definitions"]) >= {"curve", "auc_pr", "peak MB"}
+    other = ["--methods", "sad", "--frames", "3:", "--seed", "4"]
+    compare(tiny_route, tmp_path / "other", *other)
+    changed = manifest_of(tmp_path / "other")
+    assert (changed["split"]["frames"], changed["split"]["seed"]) == ("3:", 4)
+    assert changed["traverses"] != one["traverses"]
+
+
+def test_every_column_is_defined() -> None:
+    assert {"recall@N", *(name for name in SCORES if not name.startswith("recall")), *COSTS} < set(DEFINITIONS)
+
+
+def test_the_costs_stand_in_every_place(tiny_route: Path, tmp_path: Path) -> None:
+    metrics = compare(tiny_route, tmp_path / "c", "--methods", "sad,hog")
+    hog = metrics["pairs"][0]["methods"]["hog"]
+    assert (hog["dimension"], hog["bytes_per_descriptor"]) == (3780, 15120)
+    assert hog["ms_per_image"] > 0
+    assert 20 < hog["peak_memory_mb"] < 2000
+    table = (tmp_path / "c" / "table.md").read_text()
+    assert f"| 3780 | 15120 | {hog['ms_per_image']:.3f} | {round(hog['peak_memory_mb'])} |" in table
+    page = (tmp_path / "c" / "report.html").read_text()
+    assert "<summary>Manifest</summary>" in page
+    assert manifest_of(tmp_path / "c")["traverses"][0]["sha256"] in page
+
+
+def test_another_study_in_the_same_directory_is_refused(tiny_route: Path, tmp_path: Path) -> None:
+    compare(tiny_route, tmp_path / "c", "--methods", "sad")
+    before = (tmp_path / "c" / "manifest.json").read_bytes()
+    for options, names in (
+        (["--tolerance", "3"], "truth.tolerance was 1 and is now 3"),
+        (["--frames", "2:"], 'split.frames was "" and is now "2:"'),
+        (["--seed", "5"], "split.seed was 0 and is now 5"),
+        (["--standardise", "centre"], 'match.standardise was null and is now "centre"'),
+    ):
+        said = refused(tiny_route, tmp_path / "c", "--methods", "sad", *options)
+        assert "holds a comparison with other settings" in said
+        assert names in said
+    assert (tmp_path / "c" / "manifest.json").read_bytes() == before
+
+
+def test_other_images_or_a_foreign_manifest_are_refused(tiny_route: Path, tmp_path: Path) -> None:
+    compare(tiny_route, tmp_path / "c", "--methods", "sad")
+    Image.new("RGB", (64, 32), (9, 9, 9)).save(tiny_route / "winter" / "5.png")
+    assert "traverses.1.sha256" in refused(tiny_route, tmp_path / "c", "--methods", "sad")
+    (tmp_path / "c" / "manifest.json").write_text("[1]")
+    assert "manifest.json was not written by" in refused(tiny_route, tmp_path / "c", "--methods", "sad")
+
+
+def test_the_key_depends_on_study_and_settings_alone(tiny_route: Path) -> None:
+    route = open_route(tiny_route)
+    study = open_study(route, Truth(), Matching())
+    assert study.key({"a": 1, "b": 2}) == open_study(route, Truth(1), Matching()).key({"b": 2, "a": 1})
+    others = [
+        study.key({"a": 1, "b": 3}),
+        open_study(route, Truth(2), Matching()).key({"a": 1, "b": 2}),
+        open_study(route, Truth(), Matching(sequence=2)).key({"a": 1, "b": 2}),
+        open_study(select(route, Selection(slice(1, None))), Truth(), Matching()).key({"a": 1, "b": 2}),
+    ]
+    assert len({study.key({"a": 1, "b": 2}), *others}) == 5
