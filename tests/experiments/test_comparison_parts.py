@@ -94,11 +94,19 @@ def test_a_comparison_killed_at_any_moment_continues(tiny_route: Path, tmp_path:
 
 
 def test_an_audit_is_kept(tmp_path: Path) -> None:
-    fields = Audit.__dataclass_fields__
-    values = {"condition_from_z_p": Probe(0.5, 0.6, 0.5), "condition_from_z_c": None, "swap": None}
-    plain = {"float": 0.5, "int": 2, "bool": True, "dict[str, float]": {"z_p": 0.1}, "dict[str, int]": {"z_p": 1}}
-    plain["dict[str, list[float]]"] = {"z_p": [0.1]}
-    audit = Audit(**{name: values[name] if name in values else plain[str(one.type)] for name, one in fields.items()})
+    audit = Audit(
+        condition_from_z_p=Probe(0.5, 0.6, 0.5),
+        condition_from_z_c=None,
+        recall_at_1={"z_p": 0.7, "z_c": 0.1, "z": 0.6},
+        recall_chance=0.1,
+        swap=None,
+        active_dimensions={"z_p": 96, "z_c": 3},
+        kl={"z_p": 200.0, "z_c": 2.5},
+        kl_per_dimension={"z_p": [0.1, 0.2], "z_c": [0.0]},
+        places=12,
+        frames=24,
+        divided=True,
+    )
     part = Part(tmp_path, "vae", "0")
     part.save(result(audit))
     back = part.load()
