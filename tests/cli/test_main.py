@@ -23,8 +23,8 @@ from everplace.cli import main
 
 COMMANDS = [
     "demo", "train", "describe", "match", "evaluate", "compare", "show swap", "show constant", "show translate",
-    "show matrix", "show matches", "export", "data render", "data inspect", "data pack", "data align", "data fetch", "data import",
-    "data list",
+    "show matrix", "show matches", "export", "data render", "data inspect", "data pack", "data align", "data fetch",
+    "data import", "data list",
 ]  # fmt: skip
 
 
