@@ -68,7 +68,7 @@ def test_all_three_figures_of_any_route(tmp_path: Path, conditions: int, channel
     images = [2 * conditions + conditions**2, 2 * 4 * conditions, 3 * (1 + 2 * conditions)]
     assert [len(figure.axes[0].images) for figure in figures] == images
     for figure in figures:
-        assert set(names) <= {text.get_text().split()[0] for text in figure.axes[0].texts}
+        assert set(names) <= {text.get_text().partition(" ")[0] for text in figure.axes[0].texts}
         assert png_bytes(figure, 40).startswith(b"\x89PNG")
 
 
