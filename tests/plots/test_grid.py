@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 
 from everplace.errors import ImageError
 from everplace.plots.canvas import new_figure, png_bytes
-from everplace.plots.grid import draw_constant_grid, draw_image_grid, draw_swap_grid
+from everplace.plots.grid import (
+    Translation,
+    draw_constant_grid,
+    draw_image_grid,
+    draw_swap_grid,
+    draw_translations,
+)  # fmt: skip
 
 
 def _grey(value: int, shape: tuple[int, ...] = (4, 8, 1)) -> NDArray[Any]:
@@ -110,6 +116,36 @@ def test_constant_grid_puts_each_image_below_its_original_and_wraps() -> None:
 def test_constant_grid_of_one() -> None:
     axes = draw_constant_grid(new_figure(3), [_grey(1)], [_grey(2)])
     assert _by_place(axes) == [[1], [2]]
+
+
+def test_translations_stand_above_the_true_frames_of_their_condition() -> None:
+    figure = new_figure(6)
+    strips = [
+        Translation(_grey(n), [_grey(n + 1), _grey(n + 2)], [_grey(n + 3), _grey(n + 4)], f"summer {n}")
+        for n in (10, 20)
+    ]
+    axes = draw_translations(figure, strips, conditions=["summer", "$winter$"], title="Strip")
+    assert _by_place(axes) == [[10, 11, 12], [13, 14], [20, 21, 22], [23, 24]]
+    extents = dict(zip(_values(axes), (image.get_extent() for image in axes.images), strict=True))
+    for translated, true in ((11, 13), (12, 14), (21, 23), (22, 24)):
+        assert extents[translated][:2] == extents[true][:2]
+        assert extents[translated][2] < extents[true][3]
+    words = [text.get_text() for text in axes.texts]
+    assert {"Strip", "summer 10", "summer 20"} <= set(words)
+    assert [words.count(word) for word in ("decoded", "true", "summer", "$winter$")] == [2, 2, 2, 2]
+    # A row's word stands between the frame and the images that it names.
+    left = next(text for text in axes.texts if text.get_text() == "decoded").get_position()[0]
+    assert extents[10][1] < left < extents[11][0]
+    width, height = figure.get_size_inches()
+    assert max(extent[1] for extent in extents.values()) <= width
+    assert max(extent[2] for extent in extents.values()) <= height
+    assert png_bytes(figure, 50)
+
+
+def test_translations_whose_numbers_do_not_fit_are_refused() -> None:
+    for strips in ([], [Translation(_grey(1), [_grey(2)], [])], [Translation(_grey(1), [], [_grey(2)])]):
+        with pytest.raises(ImageError, match="an image and a true frame a condition"):
+            draw_translations(new_figure(), strips, conditions=["summer"])
 
 
 def test_what_cannot_be_a_grid_is_refused() -> None:

@@ -19,6 +19,8 @@ __all__ = ["one_of", "provenance", "require_directory", "require_file", "show_pr
 
 T = TypeVar("T")
 
+_LONGEST_LIST = 24
+
 
 def show_progress() -> Progress:
     """A `Progress` that draws a bar on stderr for a person at a terminal, and stays silent in a log file."""
@@ -37,7 +39,7 @@ def show_progress() -> Progress:
 
 
 def show_result(result: Mapping[str, Any], as_json: bool) -> None:
-    """Prints a result on stdout."""
+    """Prints a result on stdout: for people without its long lists, which nobody reads in a line."""
     if as_json:
         print(json.dumps(result, indent=2, ensure_ascii=False))
         return
@@ -101,7 +103,8 @@ def _flat(result: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
         if isinstance(value, Mapping):
             flat |= _flat(value, f"{prefix}{key}.")
         elif isinstance(value, list | tuple):
-            flat[f"{prefix}{key}"] = ", ".join(map(str, value))
+            if len(value) <= _LONGEST_LIST:
+                flat[f"{prefix}{key}"] = ", ".join(map(str, value))
         elif value is not None:
             flat[f"{prefix}{key}"] = value
     return flat

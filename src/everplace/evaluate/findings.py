@@ -132,7 +132,7 @@ def _lost(swap: SwapError, *, spoilt: bool) -> str:
     """What it means that z_p draws no better than what costs nothing."""
     nearer = "the mean image" if swap.mean_image <= swap.unchanged else "the frame unchanged"
     carried = ", and what place there is in it comes from z_c too" if spoilt else ""
-    return f"{nearer} comes as near as the picture drawn from z_p{carried}"
+    return f"{nearer} comes at least as near as what is drawn from z_p{carried}"
 
 
 def _better(probe: Probe) -> float:

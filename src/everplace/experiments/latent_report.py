@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from everplace.data.route import Route
@@ -21,12 +22,13 @@ from everplace.experiments.translations import constant_figure, swap_figure, tra
 from everplace.model.posterior import ACTIVE_ABOVE
 from everplace.plots.audit import draw_bars, draw_divergences
 from everplace.plots.canvas import new_axes, save_figure
-from everplace.plots.style import COLOURS
+from everplace.plots.style import COLOURS, shortened, write_plainly
 from everplace.report.html import Section
 
 __all__ = ["audit_section", "latent_section"]
 
 _PLACE, _CONDITION, _BOTH, _FREE = COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[6]
+_TITLE_WIDTH = 5.0
 
 
 def audit_section(section: Section, audits: dict[str, Audit]) -> None:
@@ -62,7 +64,7 @@ def audit_section(section: Section, audits: dict[str, Audit]) -> None:
         for title, finding, draw in _PARTS:
             found = finding(audit)
             if found is not None:
-                caption = str(found) if audit.divided else found.sentence.capitalize()
+                caption = str(found) if audit.divided else found.sentence[0].upper() + found.sentence[1:]
                 section.figure(draw(audit, f"{label}: {title}"), alt=f"{label}: {title}. {caption}", caption=caption)
 
 
@@ -114,7 +116,7 @@ def _condition_figure(audit: Audit, title: str) -> Figure:
             chance = probe.chance
     figure, axes = new_axes(6.0, 2.3)
     draw_bars(axes, bars, colours=colours, line=("chance", chance), label="accuracy of the probe", upper=1.0)
-    axes.set_title(title, loc="left", parse_math=False)
+    _title(axes, title)
     return figure
 
 
@@ -124,14 +126,14 @@ def _place_figure(audit: Audit, title: str) -> Figure:
         axes, audit.recall_at_1, colours=(_PLACE, _CONDITION, _BOTH), line=("chance", audit.recall_chance),
         label="recall@1", upper=1.0, digits=3,
     )  # fmt: skip
-    axes.set_title(title, loc="left", parse_math=False)
+    _title(axes, title)
     return figure
 
 
 def _divergence_figure(audit: Audit, title: str) -> Figure:
     figure, axes = new_axes(6.0, 2.6)
     draw_divergences(axes, audit.kl_per_dimension, active_above=ACTIVE_ABOVE)
-    axes.set_title(title, loc="left", parse_math=False)
+    _title(axes, title)
     return figure
 
 
@@ -139,19 +141,23 @@ def _swap_figure(audit: Audit, title: str) -> Figure:
     assert audit.swap is not None
     swap = audit.swap
     bars = {
-        "mean z_c": swap.mean_z_c,
-        "z_c of the same place": swap.same_place_z_c,
-        "z_c of another place": swap.other_place_z_c,
+        "z_p, mean z_c": swap.mean_z_c,
+        "z_p, z_c of the same place": swap.same_place_z_c,
+        "z_p, z_c of another place": swap.other_place_z_c,
         "the frame unchanged": swap.unchanged,
         "the mean image": swap.mean_image,
     }
     figure, axes = new_axes(6.0, 2.6)
     draw_bars(
-        axes, bars, colours=(*(_CONDITION,) * 3, _FREE, _FREE),
+        axes, bars, colours=(*(_BOTH,) * 3, _FREE, _FREE),
         line=("better baseline", min(swap.unchanged, swap.mean_image)), label="mean squared error a pixel", digits=4,
     )  # fmt: skip
-    axes.set_title(title, loc="left", parse_math=False)
+    _title(axes, title)
     return figure
+
+
+def _title(axes: Axes, title: str) -> None:
+    write_plainly(axes.set_title(shortened(title, _TITLE_WIDTH, 10.0), loc="left"))
 
 
 _PARTS: tuple[tuple[str, Callable[[Audit], Finding | None], Callable[[Audit, str], Figure]], ...] = (

@@ -51,11 +51,10 @@ def draw_bars(
     for tick in axes.get_yticklabels():
         write_plainly(tick)
     axes.tick_params(axis="y", length=0.0, labelcolor=INK)
-    write_plainly(axes.set_xlabel(label))
-    mark = axes.axvline(line[1], color=INK, linestyle="--", linewidth=1.2)
+    write_plainly(axes.set_xlabel(f"{label} (dashed: {line[0]}, {line[1]:.{digits}f})"))
+    axes.axvline(line[1], color=INK, linestyle="--", linewidth=1.2)
     for place, value in enumerate(values):
         axes.text(value + 0.01 * end, place, f"{value:.{digits}f}", va="center", fontsize=8.0, color=INK, bbox=_PAPER)
-    set_legend(axes, [mark], [f"{line[0]}: {line[1]:.{digits}f}"], loc="lower right", bbox_to_anchor=(1.0, 1.0))
     return drawn
 
 
@@ -90,7 +89,7 @@ def draw_divergences(axes: Axes, blocks: Mapping[str, Sequence[float]], *, activ
     ]
     set_legend(
         axes, [*lines, threshold], [*names, f"active above {active_above:g}"],
-        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3,
+        loc="upper right", frameon=True, framealpha=0.85,
     )  # fmt: skip
     return lines
 
