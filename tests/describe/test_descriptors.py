@@ -97,7 +97,7 @@ def test_a_value_that_is_not_finite_names_its_frame(bad: float, what: str) -> No
         ({"names": ("a", "b", "")}, "cannot name a frame"),
         ({"names": ("a", "b", "c\0d")}, "cannot name a frame"),
         ({"names": ("a", "b", "c\ud800")}, "cannot name a frame"),
-        ({"metric": "euclid"}, "cosine, mean-absolute-difference, not 'euclid'"),
+        ({"metric": "euclid"}, "cosine, mean-absolute-difference, place-posterior, not 'euclid'"),
         ({"variance": VALUES[:, :1]}, r"\(3, 1\), not \(3, 2\)"),
         ({"variance": -VALUES}, "variance of frame 'a' is negative"),
     ],
