@@ -24,7 +24,8 @@ SIDE = 32
 
 
 def network(channels: int = 1, seed: int = 0) -> ConditionVAE:
-    config = ModelConfig(kind="c-vae", height=SIDE, width=SIDE, channels=channels, conditions=("a", "b"))
+    settings = {"kind": "c-vae", "height": SIDE, "width": SIDE, "channels": channels, "conditions": ("a", "b")}
+    config = ModelConfig.model_validate(settings)
     with torch.random.fork_rng():
         torch.manual_seed(seed)
         return ConditionVAE(config).eval()
