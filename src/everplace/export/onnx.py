@@ -1,8 +1,8 @@
 """A run's encoder as an ONNX network, with the TOML that the method `onnx:` reads.
 
 The network takes float32 images in [0, 1], any number of them, B×C×H×W, and gives the posterior mean of z_p (of all of
-z for the plain VAE). What the encoder does to its input is part of it; so mean 0 and scale 1 stand in the TOML, and on
-a robot nothing is left to get wrong but the division by 255.
+z for the plain VAE, the code for the CAE). What the encoder does to its input is part of it; so mean 0 and scale 1
+stand in the TOML, and on a robot nothing is left to get wrong but the division by 255.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ import torch
 from torch import Tensor, nn
 
 from everplace.data.images import resize_image
+from everplace.describe.methods.cae import CAEDescriber
 from everplace.describe.methods.onnx import OnnxDescriber
 from everplace.describe.methods.vae import VAEDescriber
 from everplace.describe.onnx_toml import OnnxToml, onnx_toml_path, onnx_toml_text, read_onnx_toml
-from everplace.errors import ConfigError, MachineError, MissingExtraError
+from everplace.describe.registry import open_describer
+from everplace.errors import ConfigError, MachineError, MethodError, MissingExtraError
 from everplace.files import readable, whole_file, write_text
 from everplace.model.architecture import ConditionVAE
-from everplace.model.checkpoint import load_checkpoint
 
 __all__ = ["TOLERANCE", "OnnxExport", "export_onnx"]
 
@@ -76,12 +77,18 @@ def export_onnx(run: str | os.PathLike[str], out: Path) -> OnnxExport:
 
     Raises:
         CheckpointError: The run directory is damaged.
+        MethodError: It is no run directory, or not that of a network.
         ConfigError: Where the TOML has to go lies one of another kind.
         MissingExtraError: The ONNX libraries are not installed.
         MachineError: The exported network gives other descriptors than the run; nothing is written.
         StorageError: Writing failed.
     """
-    describer = VAEDescriber(load_checkpoint(Path(run)), device="cpu")
+    opened = open_describer(os.fspath(run))
+    if not isinstance(opened, VAEDescriber | CAEDescriber):
+        raise MethodError(
+            f"{readable(run)} is no run of a network, but {opened.method}; export a vae, c-vae, cp-vae or cae"
+        )
+    describer = type(opened)(opened.checkpoint, device="cpu")
     config = describer.checkpoint.model.config
     toml = OnnxToml(
         image_size=(config.height, config.width),
@@ -150,7 +157,7 @@ def _quiet() -> Iterator[None]:
         logger.setLevel(level)
 
 
-def _difference(describer: VAEDescriber, exported: OnnxDescriber) -> float:
+def _difference(describer: VAEDescriber | CAEDescriber, exported: OnnxDescriber) -> float:
     """The largest difference of a value, over smooth random images and a batch that the export did not see."""
     assert describer.image.size is not None
     numbers = np.random.default_rng(0)
