@@ -19,7 +19,7 @@ from everplace.training.module import bound_terms, step_noise
 
 __all__ = ["criterion_name", "validate"]
 
-_BATCH = 128
+_BATCH = 32
 
 
 def criterion_name(split: SplitRoute) -> str:
