@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -95,8 +96,14 @@ def test_a_comparison_killed_at_any_moment_continues(tiny_route: Path, tmp_path:
 
 def test_an_audit_is_kept(tmp_path: Path) -> None:
     fields = Audit.__dataclass_fields__
-    values = {"condition_from_z_p": Probe(0.5, 0.6, 0.5), "condition_from_z_c": None, "swap": None}
-    plain = {"float": 0.5, "int": 2, "bool": True, "dict[str, float]": {"z_p": 0.1}, "dict[str, int]": {"z_p": 1}}
+    values: dict[str, Any] = {"condition_from_z_p": Probe(0.5, 0.6, 0.5), "condition_from_z_c": None, "swap": None}
+    plain: dict[str, Any] = {
+        "float": 0.5,
+        "int": 2,
+        "bool": True,
+        "dict[str, float]": {"z_p": 0.1},
+        "dict[str, int]": {"z_p": 1},
+    }
     plain["dict[str, list[float]]"] = {"z_p": [0.1]}
     audit = Audit(**{name: values[name] if name in values else plain[str(one.type)] for name, one in fields.items()})
     part = Part(tmp_path, "vae", "0")
