@@ -47,6 +47,19 @@ def test_one_traverse_is_no_comparison(tiny_route: Path) -> None:
         open_study(route, Truth(), Matching())
 
 
+def test_a_peak_that_cannot_be_measured_is_a_dash_with_its_reason(tiny_route: Path, tmp_path: Path) -> None:
+    study = open_study(open_route(tiny_route), Truth(), Matching())
+    methods = Methods({"hog": open_describer("hog")}, {"hog": str(tmp_path / "gone")})
+    for _ in range(2):  # measured, and read
+        comparison = compare_methods(study, methods, tmp_path)
+        assert comparison.metrics()["pairs"][0]["methods"]["hog"]["peak_memory_mb"] is None
+        assert "gone" in comparison.notes[0]
+    write_comparison(comparison, tmp_path, title="c", details={})
+    table = (tmp_path / "table.md").read_text()
+    assert table.count(" | \N{EN DASH} |") == 2
+    assert comparison.notes[0] in table
+
+
 @pytest.fixture
 def weightless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """A method whose weights are absent, added as methods are: by one file."""

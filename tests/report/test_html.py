@@ -151,3 +151,12 @@ def test_light_dark_phone_and_paper_have_their_rules() -> None:
     for rule in ("prefers-color-scheme: dark", "max-width: 40rem", "@media print"):
         assert rule in style
     assert style.count("{") == style.count("}")
+
+
+def test_a_folded_text_is_whole_and_escaped() -> None:
+    report = Report("R")
+    report.section("How").folded("Manifest <1>", '{\n  "a": "<b>"\n}')
+    page = Page(report.html())
+    assert page.words["summary"] == ["Manifest <1>"]
+    assert page.words["pre"] == ['{\n  "a": "<b>"\n}']
+    assert page.attributes("details") == [{}]

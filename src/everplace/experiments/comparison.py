@@ -141,8 +141,8 @@ class Comparison:
         rows: list[list[Cell]] = []
         for label, method in self.methods.items():
             scores = [self.mean(name, label) if pair is None else _READ[name](method.pairs[pair]) for name in SCORES]
-            peak = None if method.peak_memory_mb is None else round(method.peak_memory_mb)
-            rows.append([label, *scores, method.dimension, method.bytes_per_descriptor, method.ms_per_image, peak])
+            *costs, peak = method.costs().values()
+            rows.append([label, *scores, *costs, None if peak is None else round(peak)])
         return ["method", *SCORES, *COSTS], rows
 
     def retrieval(self, pair: Pair, label: str) -> Retrieval:

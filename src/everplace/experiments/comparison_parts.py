@@ -71,19 +71,14 @@ class MethodResult:
     audit: Audit | None = None
 
     def costs(self) -> dict[str, int | float | None]:
-        """What metrics.json says of what the method costs."""
+        """What the method costs, as metrics.json and the columns of the tables say it."""
         peak = self.peak_memory_mb
         return {
             "dimension": self.dimension,
-            "bytes_per_descriptor": self.bytes_per_descriptor,
+            "bytes_per_descriptor": 4 * self.dimension,
             "ms_per_image": round(self.ms_per_image, 4),
             "peak_memory_mb": None if peak is None else round(peak, 1),
         }
-
-    @property
-    def bytes_per_descriptor(self) -> int:
-        """Bytes of a descriptor, as float32."""
-        return 4 * self.dimension
 
 
 class Part:

@@ -25,7 +25,9 @@ __all__ = ["write_comparison"]
 
 
 _FEW_PAIRS = 6
-"""With more, a pair shows the pictures of its best method alone, at the page's own resolution."""
+"""With more, a pair shows the pictures of its best method alone, fewer matches, at the page's own resolution."""
+
+_MOST_COLUMNS = 8
 
 
 def write_comparison(comparison: Comparison, out: Path, *, title: str, details: dict[str, str]) -> Report:
@@ -43,8 +45,9 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
     panels = {
         pair: {label: one.curve for label, one in results.items()} for pair, results in comparison.results.items()
     }
-    figure = new_figure(10)
-    draw_precision_recall_panels(figure, panels)
+    columns = max(2, min(_MOST_COLUMNS, len(route.traverses) - 1))  # a row holds one query condition
+    figure = new_figure(max(10.0, 1.9 * columns))
+    draw_precision_recall_panels(figure, panels, columns=columns)
     save_figure(figure, out / "pr_curves.png")
     _summary(report, comparison, figure)
     for pair, results in comparison.results.items():
@@ -108,7 +111,7 @@ def _pair_section(
             dpi=96 if many else 192,
         )
         section.figure(
-            match_figure(pair, retrieval, title=label),
+            match_figure(pair, retrieval, title=label, count=4 if many else 8),
             alt=f"Matches of {label}.",
             caption="Right and wrong matches",
             dpi=96 if many else 192,
@@ -130,7 +133,9 @@ def _markdown(comparison: Comparison) -> str:
         lines += [f"**{query} against {database}**", "", *_markdown_table(*table), ""]
     lines += [f"{method} was left out: {reason}  " for method, reason in comparison.left_out.items()]
     lines += [f"{note}  " for note in comparison.notes]
-    lines += ["", *(f"{name}: {DEFINITIONS[name]}  " for name in COSTS)]
+    if comparison.left_out or comparison.notes:
+        lines += [""]
+    lines += [f"{name}: {DEFINITIONS[name]}  " for name in COSTS]
     return "\n".join(lines).rstrip() + "\n"
 
 
