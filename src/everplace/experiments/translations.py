@@ -66,7 +66,7 @@ def swap_figure(model: ConditionVAE, route: Route, place: int | None = None) -> 
     figure = new_figure(1.6 + 1.5 * len(labels))
     draw_swap_grid(
         figure, rows, list(frames), list(frames), place_labels=labels, condition_labels=labels,
-        title=f"place {route.traverses[0].stems[position]}: z_p of the row's frame, z_c of the column's",
+        title=f"place {route.traverses[0].stems[position]} with z_p and z_c swapped",
     )  # fmt: skip
     return figure
 
@@ -95,7 +95,7 @@ def constant_figure(model: ConditionVAE, route: Route, *, count: int = 4) -> Fig
     figure = new_figure(10)
     draw_constant_grid(
         figure, list(flat), list(decoded), labels=labels, columns=len(positions),
-        title=f"z_p of each frame with one constant z_c (the mean of {route.traverses[0].name})",
+        title=f"z_p of each, mean z_c of {route.traverses[0].name}",
     )  # fmt: skip
     return figure
 
@@ -133,7 +133,7 @@ def translation_figure(model: ConditionVAE, route: Route, *, count: int = 3, sou
     figure = new_figure(2.4 + 1.5 * len(conditions))
     draw_translations(
         figure, translations, conditions=conditions,
-        title=f"one frame of {shown.name} in every condition: its z_p with the mean z_c of each",
+        title=f"{shown.name} translated: z_p, mean z_c of each",
     )  # fmt: skip
     return figure
 
