@@ -92,7 +92,7 @@ def test_one_process_at_a_time_trains_into_a_directory(tmp_path: Path, monkeypat
     monkeypatch.setattr(run_directory, "_SECONDS_TO_LET_GO", 0.2)
     out = tmp_path / "deep" / "run"
     with locked(out):
-        with pytest.raises(ConfigError, match="run is being trained by another process"), locked(out):
+        with pytest.raises(ConfigError, match="run is being written by another process"), locked(out):
             pass
         with locked(tmp_path / "another"):
             pass
