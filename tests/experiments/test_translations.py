@@ -136,5 +136,5 @@ def test_places_and_traverses_that_are_not_there_are_named(tmp_path: Path) -> No
         path.rename(path.with_name(f"w{path.name}"))
     apart = open_route(tmp_path)
     for figure in (swap_figure, constant_figure, translation_figure):
-        with pytest.raises(RouteError, match="share no place"):
+        with pytest.raises(RouteError, match="share no stem, so there is no place to show"):
             figure(model, apart)

@@ -49,7 +49,7 @@ def resample_drive(
             f"a drive of {count} frames cannot be driven at speeds of {speeds}; give 2 frames and positive speeds"
         )
     rng = np.random.default_rng(seed)
-    carried = {count * (n + 1) // (jumps + 1) for n in range(jumps)}
+    carried = {max(1, count * (n + 1) // (jumps + 1)) for n in range(jumps)}
     chosen: list[int] = []
     position, backwards, leg = 0.0, 0, rng.uniform(*speeds, 2)
     for frame in range(20 * count):  # enough for any drive that goes on
