@@ -194,7 +194,7 @@ class TrainConfig(FitConfig):
         return self
 
     @model_validator(mode="after")
-    def _places_have_a_term(self) -> TrainConfig:
+    def _remedies_fit_the_model(self) -> TrainConfig:
         remedies = self.remedies
         if remedies.contrastive and self.model != "cp-vae":
             raise ValueError(f"remedies.contrastive needs place labels, which {self.model} does not use; set it to 0")
