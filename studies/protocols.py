@@ -36,7 +36,7 @@ class Protocol:
 
 
 MODELS: dict[str, dict[str, Any]] = {
-    "cp-vae, best": {"model": "cp-vae", "recipe": "best", "epochs": 32},
+    "cp-vae, best": {"model": "cp-vae", "recipe": "best"},
     "cp-vae": {"model": "cp-vae"},
     "cp-vae, all weights 1": {"model": "cp-vae", "weights": {"condition": 1.0, "place": 1.0}},
     "c-vae": {"model": "c-vae"},
@@ -48,42 +48,40 @@ _FAITHFUL: dict[str, Any] = {"model": "cp-vae"}
 _BEST: dict[str, Any] = {"model": "cp-vae", "recipe": "best"}
 
 
-def _virtual(**changed: float) -> dict[str, Any]:
-    return {**_BEST, "remedies": {"virtual": changed}}
-
+_CONTRASTIVE: dict[str, Any] = {
+    "batch_size": 128,
+    "weights": {"place": 0.0},
+    "remedies": {"contrastive": 5000.0, "virtual": {"crop": 0.3, "mirror": 0.5, "join": 0.5}},
+}
+_REAL_PLACES: dict[str, Any] = {"remedies": {"contrastive": 5000.0}}
+_LEARNED: dict[str, Any] = {"model": "cp-vae", "fully_connected": False, "fully_connected_rate": 1.0}
 
 INGREDIENTS: dict[str, dict[str, Any]] = {
     "best": _BEST,
-    "best, place classes instead of the contrastive term": {
-        **_BEST,
-        "weights": {"place": 5000.0},
-        "remedies": {"contrastive": 0.0, "virtual": {"crop": 0.0, "mirror": 0.0, "join": 0.0}},
-    },
-    "best, no virtual places": _virtual(crop=0.0, mirror=0.0, join=0.0),
-    "best, no joined places": _virtual(join=0.0),
-    "best, all places joined": _virtual(join=1.0),
-    "best, no mirror": _virtual(mirror=0.0),
-    "best, no shared crop": _virtual(crop=0.0),
-    "best, shared crop 0.5": _virtual(crop=0.5),
+    "best, all of z_p learned": _LEARNED,
+    "best, projection left as it starts": {**_BEST, "projection_rate": 0.0},
+    "best, projection at 0.3 of the rate": {**_BEST, "projection_rate": 0.3},
+    "best, projection at the full rate": {**_BEST, "projection_rate": 1.0},
+    "best, ridge 0.1": {**_BEST, "ridge": 0.1},
+    "best, ridge 0.3": {**_BEST, "ridge": 0.3},
+    "best, ridge 3": {**_BEST, "ridge": 3.0},
+    "best, contrastive term instead of place classes": {**_BEST, **_CONTRASTIVE, **_REAL_PLACES},
+    "best, contrastive term and virtual places": {**_BEST, **_CONTRASTIVE},
+    "best, place target softened over neighbours": {**_BEST, "place_spread": 1.0},
     "best, Table 1's chain": {**_BEST, "fully_connected": True, "fully_connected_rate": 0.1},
-    "best, temperature 0.05": {**_BEST, "remedies": {"temperature": 0.05}},
-    "best, temperature 0.2": {**_BEST, "remedies": {"temperature": 0.2}},
-    "best, batch 64": {**_BEST, "batch_size": 64},
-    "best, batch 256": {**_BEST, "batch_size": 256},
-    "best, shift 0.05": {**_BEST, "augmentation": {"shift": 0.05}},
-    "best, no shift and no crop": {**_BEST, "augmentation": {"shift": 0.0, "crop": 0.0}},
-    "best, no change of brightness and contrast": {**_BEST, "augmentation": {"brightness": 0.0, "contrast": 0.0}},
-    "best, twice the change of contrast": {**_BEST, "augmentation": {"contrast": 0.7}},
-    "best, blur": {**_BEST, "augmentation": {"blur": 1.0}},
-    "best, no weight decay": {**_BEST, "weight_decay": 0.0},
-    "best, learning rate 0.002": {**_BEST, "learning_rate": 0.002},
-    "best, a tenth of the image term": {**_BEST, "weights": {"image": 0.1}},
+    "best, place weight 1,000": {**_BEST, "weights": {"place": 1000.0}},
     "best, KL of z_p ten times": {**_BEST, "weights": {"beta_place": 10.0}},
-    "best, 24 epochs": {**_BEST, "epochs": 24},
+    "best, a tenth of the image term": {**_BEST, "weights": {"image": 0.1}},
+    "best, batch 128": {**_BEST, "batch_size": 128},
+    "best, no shift and no crop": {**_BEST, "augmentation": {"shift": 0.0, "crop": 0.0}},
+    "best, shift 0.05": {**_BEST, "augmentation": {"shift": 0.05}},
+    "best, no change of brightness and contrast": {**_BEST, "augmentation": {"brightness": 0.0, "contrast": 0.0}},
+    "best, 16 epochs": {**_BEST, "epochs": 16},
+    "all of z_p learned, contrastive term": {**_LEARNED, **_CONTRASTIVE, **_REAL_PLACES},
+    "all of z_p learned, contrastive term and virtual places": {**_LEARNED, **_CONTRASTIVE},
     "faithful": _FAITHFUL,
     "faithful, chain at the full learning rate": {**_FAITHFUL, "fully_connected_rate": 1.0},
     "faithful, place target softened over neighbours": {**_FAITHFUL, "place_spread": 1.0},
-    "faithful, place weight 1,000": {**_FAITHFUL, "weights": {"place": 1000.0}},
     "faithful, shift 0.05": {**_FAITHFUL, "augmentation": {"shift": 0.05}},
 }
 """What the recipes are made of: each row changes one thing, and is compared on places that no table is tested on."""

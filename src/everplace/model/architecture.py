@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from everplace.model.config import ModelConfig
+from everplace.model.oriented_gradients import OrientedGradients
 from everplace.model.posterior import LatentSplit, Posterior
 
 __all__ = [
@@ -118,7 +119,8 @@ class Encoder(nn.Module):
     The fully connected chain has batch normalisation and no activation (decided by experiment: with one, the chain
     learns the training places by heart).
 
-    The encoder of the plain autoencoder (`cae`) ends in z_mean alone: its code.
+    The encoder of the plain autoencoder (`cae`) ends in z_mean alone: its code. With `oriented_gradients`, a remedy
+    that the paper does not have, z_mean is that of z_c, and the mean of z_p is `place_projection` of the gradients.
     """
 
     def __init__(self, config: ModelConfig) -> None:
@@ -132,7 +134,13 @@ class Encoder(nn.Module):
         flattened = CONVOLUTIONS[-1] * height * width
         widths = (flattened, *hidden_widths(flattened, fully_connected=config.fully_connected))
         self.fully_connected = nn.ModuleList(_linear(a, b) for a, b in pairwise(widths))
-        self.z_mean = nn.Linear(widths[-1], config.latent_dimensions)
+        self.gradients = OrientedGradients(config.height, config.width) if config.oriented_gradients else None
+        self.place_projection: nn.Linear | None = None
+        read_off = config.latent_dimensions
+        if self.gradients is not None:
+            self.place_projection = nn.Linear(self.gradients.features, config.place_dimensions)
+            read_off = config.condition_dimensions
+        self.z_mean = nn.Linear(widths[-1], read_off)
         self.z_log_variance = None if config.kind == "cae" else nn.Linear(widths[-1], config.latent_dimensions)
 
     def forward(self, images: Tensor) -> Posterior:
@@ -150,11 +158,16 @@ class Encoder(nn.Module):
         x = x.flatten(1)
         for layer in self.fully_connected:
             x = layer(x)
+        mean = self.z_mean(x).float()
         if self.z_log_variance is None:
-            return Posterior(self.z_mean(x).float(), None)
+            return Posterior(mean, None)
+        if self.gradients is not None and self.place_projection is not None:
+            # The projection is a difference of many large numbers, too fine for bfloat16.
+            with torch.autocast(images.device.type, enabled=False):
+                mean = torch.cat((self.place_projection(self.gradients(images)), mean), dim=1)
         # A bounded log-variance keeps exp() finite in the first steps; +-10 is far outside what training reaches.
         log_variance = self.z_log_variance(x).float().clamp(-10.0, 10.0)
-        return Posterior(self.z_mean(x).float(), log_variance)
+        return Posterior(mean, log_variance)
 
 
 class Decoder(nn.Module):

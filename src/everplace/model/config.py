@@ -27,6 +27,8 @@ class ModelConfig(BaseModel):
         places: Number of training places, the classes of the place head (`cp-vae` only, else 0; 0 too where a
             contrastive term stands in for the classes).
         fully_connected: Table 1's chain of fully connected layers; without it z is read off the feature map.
+        oriented_gradients: The mean of z_p is a linear projection of oriented gradients instead of the feature map
+            (`cp-vae` only).
         place_dimensions: Size of z_p, the condition-invariant block (the paper: 96).
         condition_dimensions: Size of z_c, the condition-sensitive block (the paper: 32).
     """
@@ -40,6 +42,7 @@ class ModelConfig(BaseModel):
     conditions: tuple[str, ...] = ()
     places: Annotated[int, Field(ge=0)] = 0
     fully_connected: bool = True
+    oriented_gradients: bool = False
     place_dimensions: PositiveInt = 96
     condition_dimensions: PositiveInt = 32
 
@@ -54,6 +57,8 @@ class ModelConfig(BaseModel):
             raise ValueError(f"{self.kind} needs at least two conditions to tell apart, not {len(self.conditions)}")
         if self.kind == "cp-vae" and self.places == 1:
             raise ValueError(f"cp-vae needs at least two places to tell apart, not {self.places}")
+        if self.oriented_gradients and self.kind != "cp-vae":
+            raise ValueError(f"oriented_gradients belongs to cp-vae, whose z_p holds the place, not to {self.kind}")
         return self
 
     @property

@@ -78,7 +78,7 @@ class RunKeeper(lightning.Callback):
         pl_module.has_checkpoint = self.progress.best_epoch > 0
 
     def _keep(self, trainer: lightning.Trainer, module: BoundModule, row: dict[str, float]) -> None:
-        criterion = criterion_name(self._split)
+        criterion = criterion_name(self._split, self._config)
         value = row.get(criterion)
         # At equal recall the later epoch is kept: it has been trained for longer.
         if value is not None and (self.progress.best_value is None or value >= self.progress.best_value):

@@ -148,6 +148,10 @@ class TrainConfig(FitConfig):
         weights: Weights of the bound's terms.
         remedies: What the paper's bound does not have.
         fully_connected: Table 1's chain of fully connected layers; without it z is read off the feature map.
+        oriented_gradients: The mean of z_p is a linear projection of oriented gradients instead of the feature map
+            (`cp-vae` only). The projection starts as the discriminant of the training places.
+        ridge: Of that discriminant, in units of the mean variance within places.
+        projection_rate: Learning rate of the projection, as a fraction of the others'; 0 leaves it as it starts.
         place_spread: Standard deviation, in places, of the softened place target; 0: one class a frame.
         augmentation: How much training images are changed.
         held_out: Fraction of the training places, at their end, kept out of the gradient to choose the epoch.
@@ -170,6 +174,9 @@ class TrainConfig(FitConfig):
     weights: TermWeights = TermWeights()
     remedies: Remedies = Remedies()
     fully_connected: bool = True
+    oriented_gradients: bool = False
+    ridge: Positive = 1.0
+    projection_rate: NonNegative = 0.1
     place_spread: NonNegative = 0.0
     augmentation: Augmentation = Augmentation()
     held_out: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
@@ -198,6 +205,8 @@ class TrainConfig(FitConfig):
         remedies = self.remedies
         if remedies.contrastive and self.model != "cp-vae":
             raise ValueError(f"remedies.contrastive needs place labels, which {self.model} does not use; set it to 0")
+        if self.oriented_gradients and self.model != "cp-vae":
+            raise ValueError(f"oriented_gradients needs place labels, which {self.model} does not use; set it to false")
         if remedies.virtual != VirtualPlaces() and (self.weights.place or not remedies.contrastive):
             raise ValueError(
                 "remedies.virtual makes places without a class; set weights.place to 0 and remedies.contrastive above 0"
@@ -219,6 +228,9 @@ class TrainConfig(FitConfig):
             ),
             "no place classes": self.model == "cp-vae" and not self.has_place_classes,
             "no fully connected chain": not self.fully_connected,
+            f"z_p from oriented gradients (ridge {self.ridge:g}, rate {self.projection_rate:g})": (
+                self.oriented_gradients
+            ),
         }
         return [name for name, used in named.items() if used]
 
@@ -251,9 +263,7 @@ def recipe(model: str, name: str) -> dict[str, Any]:
 
 
 _BEST: dict[str, Any] = {
-    "batch_size": 128,
-    "weights": {"condition": 100.0, "place": 0.0},
-    "remedies": {"contrastive": 5000.0, "virtual": {"crop": 0.3, "mirror": 0.5, "join": 0.5}},
+    "oriented_gradients": True,
     "fully_connected": False,
     "fully_connected_rate": 1.0,
 }

@@ -30,6 +30,7 @@ from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch, EpochOrder, SplitRoute, TrainingFrames, fingerprint, split_route
 from everplace.training.module import BoundModule
 from everplace.training.pairs import PairedFrames, PairOrder
+from everplace.training.place_projection import fit_place_projection
 from everplace.training.run_directory import locked, prepare_run, require_same_images, require_usable
 from everplace.training.selection import select_route
 from everplace.training.state import ResumeState, RunProgress, require_fitting, save_state
@@ -121,7 +122,7 @@ def train(
         if not end.finished:
             keeper = RunKeeper(out, config, split, images, end, save_every)
             order = _order(split, config, end.epoch)
-            module = _module(model_config, config, len(order), state)
+            module = _module(model_config, config, len(order), split, state, progress)
             trainer = _trainer(config, end, keeper, devices, nodes, _tensorboard(out), show)
             order.share(trainer.global_rank, trainer.world_size)
             with _quiet_lightning():
@@ -131,7 +132,7 @@ def train(
                 save_state(out, end.model_copy(update={"finished": True}), None, None, images)
     return TrainSummary(
         str(out), config.model, end.epoch, end.seconds, len(frames), split.places, split.conditions,
-        criterion_name(split), end.best_epoch, end.best_value,
+        criterion_name(split, config), end.best_epoch, end.best_value,
     )  # fmt: skip
 
 
@@ -154,6 +155,7 @@ def _model_config(conditions: tuple[str, ...], places: int, config: TrainConfig)
             conditions=conditions if config.model in ("c-vae", "cp-vae") else (),
             places=places if config.has_place_classes else 0,
             fully_connected=config.fully_connected,
+            oriented_gradients=config.oriented_gradients,
         )
     except ValidationError as error:
         first = error.errors()[0]
@@ -190,13 +192,20 @@ def _order(split: SplitRoute, config: TrainConfig, first_epoch: int) -> EpochOrd
 
 
 def _module(
-    model_config: ModelConfig, config: TrainConfig, steps_per_epoch: int, state: ResumeState | None
+    model_config: ModelConfig,
+    config: TrainConfig,
+    steps_per_epoch: int,
+    split: SplitRoute,
+    state: ResumeState | None,
+    progress: Progress,
 ) -> BoundModule:
     with torch.random.fork_rng():
         torch.manual_seed(config.seed)
         model = ConditionVAE(model_config)
         if state is None:
             model.initialise()
+    if state is None and config.oriented_gradients:
+        fit_place_projection(model, split, config.ridge, progress)
     done = state.progress if state is not None else RunProgress()
     if state is not None:
         require_fitting(state, model)

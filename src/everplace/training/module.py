@@ -138,11 +138,11 @@ class BoundModule(lightning.LightningModule):
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """AdamW, with the moments of an earlier process if the run is resumed."""
-        chains = {id(parameter) for chain in self.model.fully_connected for parameter in chain.parameters()}
+        shares = self._rates()
         # In the model's order, by which the moments of a stopped run are kept.
         groups: list[dict[str, Any]] = [
-            {"params": list(parameters), "share": self.config.fully_connected_rate if in_chain else 1.0}
-            for in_chain, parameters in groupby(self.parameters(), lambda parameter: id(parameter) in chains)
+            {"params": list(parameters), "share": share}
+            for share, parameters in groupby(self.parameters(), lambda parameter: shares.get(id(parameter), 1.0))
         ]
         optimizer = torch.optim.AdamW(
             groups, lr=self.config.learning_rate, weight_decay=self.config.weight_decay, fused=True
@@ -152,6 +152,18 @@ class BoundModule(lightning.LightningModule):
             optimizer.load_state_dict({"state": self._optimizer_state, "param_groups": groups})
             self._optimizer_state = None
         return optimizer
+
+    def _rates(self) -> dict[int, float]:
+        """The learning rate of the parameters that have one of their own, as a fraction of the others'."""
+        shares = {
+            id(parameter): self.config.fully_connected_rate
+            for chain in self.model.fully_connected
+            for parameter in chain.parameters()
+        }
+        projection = self.model.encoder.place_projection
+        if projection is not None:
+            shares |= {id(parameter): self.config.projection_rate for parameter in projection.parameters()}
+        return shares
 
     def configure_gradient_clipping(
         self,

@@ -1,0 +1,84 @@
+"""The projection of oriented gradients: fitted on the training places, and what training then does with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from everplace.data.route import Route
+from everplace.errors import ConfigError
+from everplace.model.architecture import ConditionVAE
+from everplace.model.checkpoint import load_checkpoint
+from everplace.model.config import ModelConfig
+from everplace.model.images import to_input
+from everplace.training.config import TrainConfig
+from everplace.training.fit import train
+from everplace.training.frames import SplitRoute, split_route
+from everplace.training.place_projection import fit_place_projection
+
+MakeConfig = Callable[..., TrainConfig]
+
+
+def model(place_dimensions: int = 6) -> ConditionVAE:
+    return ConditionVAE(
+        ModelConfig(
+            kind="cp-vae", height=32, width=32, conditions=("day", "night"), places=8, oriented_gradients=True,
+            fully_connected=False, place_dimensions=place_dimensions,
+        )
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def split(route: Route, make_config: MakeConfig) -> SplitRoute:
+    return split_route(route, make_config())
+
+
+def z_p(fitted: ConditionVAE, split: SplitRoute, *, mirrored: bool = False) -> list[torch.Tensor]:
+    """z_p of the training frames, one tensor a traverse."""
+    fitted.eval()
+    with torch.no_grad():
+        images = [to_input(torch.from_numpy(block.pixels.copy())) for block in split.training]
+        return [fitted.descriptor(image.flip(3) if mirrored else image) for image in images]
+
+
+def test_z_p_finds_the_training_places_and_is_standard(split: SplitRoute) -> None:
+    fitted = model()
+    fit_place_projection(fitted, split, 1.0)
+    day, night = z_p(fitted, split)
+    assert (torch.cdist(night, day).argmin(1) == torch.arange(len(day))).all()
+    everything = torch.cat([day, night, *z_p(fitted, split, mirrored=True)])
+    assert everything.mean(0) == pytest.approx(np.zeros(6), abs=1e-3)
+    assert float(everything.var(0, correction=0).mean()) == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_z_p_larger_than_the_gradients_is_refused(split: SplitRoute) -> None:
+    with pytest.raises(ConfigError, match="1024 oriented gradients, too few for a z_p of 1025"):
+        fit_place_projection(model(1025), split, 1.0)
+
+
+def test_rate_0_leaves_the_projection_as_it_starts(
+    route: Route, split: SplitRoute, make_config: MakeConfig, tmp_path: Path
+) -> None:
+    start = model(96)
+    fit_place_projection(start, split, 1.0)
+    expected = start.encoder.place_projection
+    assert expected is not None
+    for rate in (0.0, 1.0):
+        out = tmp_path / str(rate)
+        train(route, make_config(recipe="best", batch_size=8, projection_rate=rate), out)
+        found = load_checkpoint(out).model.encoder.place_projection
+        assert found is not None
+        assert torch.equal(found.weight, expected.weight) is (rate == 0.0)
+
+
+def test_the_bound_chooses_the_epoch(route: Route, make_config: MakeConfig, tmp_path: Path) -> None:
+    assert train(route, make_config(recipe="best", batch_size=8), tmp_path / "run").criterion == "held_out_bound"
+
+
+def test_models_without_place_labels_are_refused(make_config: MakeConfig) -> None:
+    with pytest.raises(ConfigError, match="oriented_gradients needs place labels, which c-vae does not use"):
+        make_config(model="c-vae", oriented_gradients=True)
