@@ -56,15 +56,22 @@ _CONTRASTIVE: dict[str, Any] = {
 _REAL_PLACES: dict[str, Any] = {"remedies": {"contrastive": 5000.0}}
 _LEARNED: dict[str, Any] = {"model": "cp-vae", "fully_connected": False, "fully_connected_rate": 1.0}
 
+
+def _projection(**changed: float) -> dict[str, Any]:
+    return {**_BEST, "projection": changed}
+
+
 INGREDIENTS: dict[str, dict[str, Any]] = {
     "best": _BEST,
     "best, all of z_p learned": _LEARNED,
-    "best, projection left as it starts": {**_BEST, "projection_rate": 0.0},
-    "best, projection at 0.3 of the rate": {**_BEST, "projection_rate": 0.3},
-    "best, projection at the full rate": {**_BEST, "projection_rate": 1.0},
-    "best, ridge 0.1": {**_BEST, "ridge": 0.1},
-    "best, ridge 0.3": {**_BEST, "ridge": 0.3},
-    "best, ridge 3": {**_BEST, "ridge": 3.0},
+    "best, projection left as it starts": _projection(rate=0.0),
+    "best, projection at 0.3 of the rate": _projection(rate=0.3),
+    "best, projection at the full rate": _projection(rate=1.0),
+    "best, stretches and light not counted": _projection(stretches=0.0, light=0.0),
+    "best, stretches not counted": _projection(stretches=0.0),
+    "best, light not counted": _projection(light=0.0),
+    "best, ridge 0.5": _projection(ridge=0.5),
+    "best, ridge 8": _projection(ridge=8.0),
     "best, contrastive term instead of place classes": {**_BEST, **_CONTRASTIVE, **_REAL_PLACES},
     "best, contrastive term and virtual places": {**_BEST, **_CONTRASTIVE},
     "best, place target softened over neighbours": {**_BEST, "place_spread": 1.0},

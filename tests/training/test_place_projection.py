@@ -15,7 +15,7 @@ from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import load_checkpoint
 from everplace.model.config import ModelConfig
 from everplace.model.images import to_input
-from everplace.training.config import TrainConfig
+from everplace.training.config import PlaceProjection, TrainConfig
 from everplace.training.fit import train
 from everplace.training.frames import SplitRoute, split_route
 from everplace.training.place_projection import fit_place_projection
@@ -47,7 +47,7 @@ def z_p(fitted: ConditionVAE, split: SplitRoute, *, mirrored: bool = False) -> l
 
 def test_z_p_finds_the_training_places_and_is_standard(split: SplitRoute) -> None:
     fitted = model()
-    fit_place_projection(fitted, split, 1.0)
+    fit_place_projection(fitted, split, PlaceProjection())
     day, night = z_p(fitted, split)
     assert (torch.cdist(night, day).argmin(1) == torch.arange(len(day))).all()
     everything = torch.cat([day, night, *z_p(fitted, split, mirrored=True)])
@@ -57,19 +57,19 @@ def test_z_p_finds_the_training_places_and_is_standard(split: SplitRoute) -> Non
 
 def test_a_z_p_larger_than_the_gradients_is_refused(split: SplitRoute) -> None:
     with pytest.raises(ConfigError, match="1024 oriented gradients, too few for a z_p of 1025"):
-        fit_place_projection(model(1025), split, 1.0)
+        fit_place_projection(model(1025), split, PlaceProjection())
 
 
 def test_rate_0_leaves_the_projection_as_it_starts(
     route: Route, split: SplitRoute, make_config: MakeConfig, tmp_path: Path
 ) -> None:
     start = model(96)
-    fit_place_projection(start, split, 1.0)
+    fit_place_projection(start, split, PlaceProjection())
     expected = start.encoder.place_projection
     assert expected is not None
     for rate in (0.0, 1.0):
         out = tmp_path / str(rate)
-        train(route, make_config(recipe="best", batch_size=8, projection_rate=rate), out)
+        train(route, make_config(recipe="best", batch_size=8, projection={"rate": rate}), out)
         found = load_checkpoint(out).model.encoder.place_projection
         assert found is not None
         assert torch.equal(found.weight, expected.weight) is (rate == 0.0)

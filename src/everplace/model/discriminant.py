@@ -67,13 +67,16 @@ class PlaceScatter:
     def within(self) -> NDArray[np.float64]:
         """F×F: half the mean outer product of the difference of two traverses at a place, all pairs alike.
 
-        The traverses' means are left in: what a condition changes everywhere is a difference within places.
+        The traverses' means are left in: what a condition changes everywhere is a difference within places. Zeros
+        before the first place.
         """
         traverses = len(self._sums)
+        if not self._places:
+            return np.zeros_like(self._frames)
         other: NDArray[np.float64] = (self._merged - self._frames) / (traverses - 1)
         return (self._frames - other) / (self._places * traverses)
 
-    def discriminant(self, dimensions: int, ridge: float) -> Projection:
+    def discriminant(self, dimensions: int, ridge: float, nuisance: NDArray[np.float64] | None = None) -> Projection:
         """The directions in which places differ most, measured by how much one place differs from itself.
 
         Fisher's linear discriminant with places as classes; its ridge (Friedman 1989) keeps directions out in which a
@@ -82,6 +85,7 @@ class PlaceScatter:
         Args:
             dimensions: D, at most F.
             ridge: Added to the scatter within places, in units of its mean variance; positive.
+            nuisance: F×F, further scatter that does not tell places apart; counted as scatter within places.
 
         Returns:
             The projection; over the frames taken in its output has mean 0 and, on average over D, variance 1.
@@ -89,6 +93,8 @@ class PlaceScatter:
         within = self.within()
         features = len(within)
         within[np.diag_indices(features)] += ridge * np.trace(within) / features + np.finfo(np.float64).tiny
+        if nuisance is not None:
+            within += nuisance
         _, vectors = scipy.linalg.eigh(
             self.between(), within, subset_by_index=[features - dimensions, features - 1], overwrite_b=True
         )

@@ -24,6 +24,7 @@ __all__ = [
     "CONFIG_FILE",
     "DEFAULT_EPOCHS",
     "FitConfig",
+    "PlaceProjection",
     "Remedies",
     "TermWeights",
     "TrainConfig",
@@ -78,6 +79,22 @@ class Remedies(_Section):
     virtual: VirtualPlaces = VirtualPlaces()
 
 
+class PlaceProjection(_Section):
+    """How the projection of oriented gradients to z_p is fitted and trained.
+
+    Attributes:
+        ridge: Of the discriminant, in units of the mean variance within places.
+        stretches: How often what the traverses differ by along whole stretches is counted beside their differences.
+        light: How often what other light would change is counted.
+        rate: Learning rate of the projection, as a fraction of the others'; 0 leaves it as it was fitted.
+    """
+
+    ridge: Positive = 2.0
+    stretches: NonNegative = 20.0
+    light: NonNegative = 1.0
+    rate: NonNegative = 0.1
+
+
 class FitConfig(_Section):
     """What every method that is fitted is told: itself, what of the route it is fitted on, and its seed.
 
@@ -117,6 +134,7 @@ class FitConfig(_Section):
                 "weights": TermWeights,
                 "augmentation": Augmentation,
                 "remedies": Remedies,
+                "projection": PlaceProjection,
             }
             section = sections.get(first["loc"][0], cls) if len(first["loc"]) > 1 else cls
             known = f"; known are {', '.join(section.model_fields)}" if first["type"] == "extra_forbidden" else ""
@@ -150,8 +168,7 @@ class TrainConfig(FitConfig):
         fully_connected: Table 1's chain of fully connected layers; without it z is read off the feature map.
         oriented_gradients: The mean of z_p is a linear projection of oriented gradients instead of the feature map
             (`cp-vae` only). The projection starts as the discriminant of the training places.
-        ridge: Of that discriminant, in units of the mean variance within places.
-        projection_rate: Learning rate of the projection, as a fraction of the others'; 0 leaves it as it starts.
+        projection: How that projection is fitted and trained.
         place_spread: Standard deviation, in places, of the softened place target; 0: one class a frame.
         augmentation: How much training images are changed.
         held_out: Fraction of the training places, at their end, kept out of the gradient to choose the epoch.
@@ -175,8 +192,7 @@ class TrainConfig(FitConfig):
     remedies: Remedies = Remedies()
     fully_connected: bool = True
     oriented_gradients: bool = False
-    ridge: Positive = 1.0
-    projection_rate: NonNegative = 0.1
+    projection: PlaceProjection = PlaceProjection()
     place_spread: NonNegative = 0.0
     augmentation: Augmentation = Augmentation()
     held_out: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
@@ -220,7 +236,7 @@ class TrainConfig(FitConfig):
 
     def remedies_in_use(self) -> list[str]:
         """What this configuration has that the paper's model has not, in words; empty for a faithful one."""
-        remedies, virtual = self.remedies, self.remedies.virtual
+        remedies, virtual, projection = self.remedies, self.remedies.virtual, self.projection
         named = {
             f"contrastive term (temperature {remedies.temperature:g})": bool(remedies.contrastive),
             f"virtual places (crop {virtual.crop:g}, mirror {virtual.mirror:g}, join {virtual.join:g})": (
@@ -228,9 +244,8 @@ class TrainConfig(FitConfig):
             ),
             "no place classes": self.model == "cp-vae" and not self.has_place_classes,
             "no fully connected chain": not self.fully_connected,
-            f"z_p from oriented gradients (ridge {self.ridge:g}, rate {self.projection_rate:g})": (
-                self.oriented_gradients
-            ),
+            f"z_p from oriented gradients (ridge {projection.ridge:g}, stretches {projection.stretches:g}, "
+            f"light {projection.light:g}, rate {projection.rate:g})": self.oriented_gradients,
         }
         return [name for name, used in named.items() if used]
 

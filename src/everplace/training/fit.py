@@ -205,7 +205,7 @@ def _module(
         if state is None:
             model.initialise()
     if state is None and config.oriented_gradients:
-        fit_place_projection(model, split, config.ridge, progress)
+        fit_place_projection(model, split, config.projection, progress)
     done = state.progress if state is not None else RunProgress()
     if state is not None:
         require_fitting(state, model)

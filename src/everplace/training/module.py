@@ -162,7 +162,7 @@ class BoundModule(lightning.LightningModule):
         }
         projection = self.model.encoder.place_projection
         if projection is not None:
-            shares |= {id(parameter): self.config.projection_rate for parameter in projection.parameters()}
+            shares |= {id(parameter): self.config.projection.rate for parameter in projection.parameters()}
         return shares
 
     def configure_gradient_clipping(

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from everplace.errors import ConfigError
 from everplace.model.architecture import ConditionVAE
@@ -12,22 +15,30 @@ from everplace.model.discriminant import PlaceScatter
 from everplace.model.images import to_input
 from everplace.model.oriented_gradients import OrientedGradients
 from everplace.progress import Progress, quiet
+from everplace.training.config import PlaceProjection
 from everplace.training.frames import SplitRoute
 
 __all__ = ["fit_place_projection"]
 
-_PLACES_A_BLOCK = 128
+STRETCH = 24
+"""Places over which what the traverses differ by on average is weather and light, and not the places."""
+_STRETCHES_A_BLOCK = 5
 
 
-def fit_place_projection(model: ConditionVAE, split: SplitRoute, ridge: float, progress: Progress = quiet) -> None:
+def fit_place_projection(
+    model: ConditionVAE, split: SplitRoute, config: PlaceProjection, progress: Progress = quiet
+) -> None:
     """Sets `model.encoder.place_projection` to the discriminant of the training places.
 
-    Every place is taken in as it is and in a mirror, where it is another place.
+    Every place is taken in as it is and in a mirror, where it is another place. Beside the differences of the
+    traverses at a place, two things count as differences within places: what the traverses differ by along whole
+    stretches, and what other light would change (`_OTHER_LIGHT`). Both were chosen on held-out places, for z_p to
+    tell less of the condition.
 
     Args:
         model: A model with oriented gradients.
         split: At least two aligned traverses.
-        ridge: Of `PlaceScatter.discriminant`.
+        config: What is counted, and how often.
         progress: Told of the blocks of places.
 
     Raises:
@@ -42,18 +53,72 @@ def fit_place_projection(model: ConditionVAE, split: SplitRoute, ridge: float, p
             f"images of this size have {gradients.features} oriented gradients, too few for a z_p of {dimensions}; "
             "give a larger image_size or set oriented_gradients to false"
         )
-    scatter = PlaceScatter(len(split.training), gradients.features)
-    starts = range(0, split.places, _PLACES_A_BLOCK)
+    scatter, stretches = (PlaceScatter(len(split.training), gradients.features) for _ in range(2))
+    light = _LightScatter(gradients)
+    block = STRETCH * _STRETCHES_A_BLOCK
+    starts = range(0, split.places, block)
     for start in progress(starts, "places for the projection", len(starts)):
-        pixels = [block.pixels[start : start + _PLACES_A_BLOCK] for block in split.training]
-        for direction in (1, -1):
-            scatter.add(np.stack([_features(gradients, part[:, :, ::direction]) for part in pixels]))
-    found = scatter.discriminant(dimensions, ridge)
+        images = [to_input(torch.from_numpy(part.pixels[start : start + block].copy())) for part in split.training]
+        for mirrored in (False, True):
+            features = np.stack([gradients(part.flip(3) if mirrored else part).numpy() for part in images])
+            scatter.add(features)
+            stretches.add(_stretch_means(features))
+            if not mirrored:
+                light.add(torch.cat(images), features)
+    nuisance = config.stretches * stretches.within() + config.light * light.scatter()
+    found = scatter.discriminant(dimensions, config.ridge, nuisance)
     with torch.no_grad():
         projection.weight.copy_(torch.from_numpy(found.weight))
         projection.bias.copy_(torch.from_numpy(found.bias))
 
 
-def _features(gradients: OrientedGradients, pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
-    described: NDArray[np.float32] = gradients(to_input(torch.from_numpy(pixels.copy()))).numpy()
-    return described
+def _stretch_means(features: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Means over whole stretches, (T, P // STRETCH, F)."""
+    traverses, places, numbers = features.shape
+    whole = places // STRETCH
+    cut = features[:, : whole * STRETCH].reshape(traverses, whole, STRETCH, numbers)
+    means: NDArray[np.float32] = cut.mean(axis=2)
+    return means
+
+
+def _brighter(images: Tensor) -> Tensor:
+    return images.pow(0.6)
+
+
+def _overexposed(images: Tensor) -> Tensor:
+    return (1.5 * images).clamp(max=1.0)
+
+
+def _grainy(images: Tensor) -> Tensor:
+    generator = torch.Generator().manual_seed(len(images))
+    noise = torch.randn(images.shape, generator=generator)
+    return (images + 0.02 * noise).clamp(0.0, 1.0)
+
+
+_OTHER_LIGHT: tuple[tuple[Callable[[Tensor], Tensor], float], ...] = (
+    (_brighter, 3.0),
+    (_overexposed, 1.0),
+    (_grainy, 1.0),
+)
+"""Changes of the image that other light brings, with the weights of their scatter."""
+
+
+class _LightScatter:
+    """How features change when the light does: half the mean outer product of the change, weighted and summed up."""
+
+    def __init__(self, gradients: OrientedGradients) -> None:
+        self._gradients = gradients
+        self._frames = 0
+        self._sum = np.zeros((gradients.features, gradients.features))
+
+    def add(self, images: Tensor, features: NDArray[np.float32]) -> None:
+        """Takes in images (N, C, H, W) with their features, in any shape that holds N rows."""
+        before = features.reshape(len(images), -1).astype(np.float64)
+        self._frames += len(images)
+        for change, weight in _OTHER_LIGHT:
+            moved = self._gradients(change(images)).numpy() - before
+            self._sum += weight * moved.T @ moved
+
+    def scatter(self) -> NDArray[np.float64]:
+        """F×F."""
+        return self._sum / (2 * self._frames)
