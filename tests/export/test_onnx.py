@@ -27,7 +27,14 @@ from everplace.model.checkpoint import save_checkpoint
 from everplace.model.config import ModelConfig, ModelKind
 
 
-def saved_run(run: Path, kind: ModelKind = "cp-vae", channels: int = 1, *, fully_connected: bool = False) -> Path:
+def saved_run(
+    run: Path,
+    kind: ModelKind = "cp-vae",
+    channels: int = 1,
+    *,
+    fully_connected: bool = False,
+    oriented_gradients: bool = False,
+) -> Path:
     """A run directory with an untrained model, whose statistics of normalisation are not the initial ones."""
     labels = () if kind in {"vae", "cae"} else ("a", "b")
     places = 4 if kind == "cp-vae" else 0
@@ -39,6 +46,7 @@ def saved_run(run: Path, kind: ModelKind = "cp-vae", channels: int = 1, *, fully
         conditions=labels,
         places=places,
         fully_connected=fully_connected,
+        oriented_gradients=oriented_gradients,
     )
     with torch.random.fork_rng():
         torch.manual_seed(2)
@@ -90,6 +98,16 @@ def test_every_network_is_exported(tmp_path: Path, tiny_route: Path, kind: Model
     ours = values_of(open_describer(str(run)), tiny_route, 12)
     theirs = values_of(open_describer(f"onnx:{tmp_path / 'net.onnx'}"), tiny_route, 12)
     assert ours.shape == theirs.shape == (12, size)
+    assert np.abs(ours - theirs).max() <= 1e-4
+
+
+def test_a_run_of_oriented_gradients_is_exported(tmp_path: Path, tiny_route: Path) -> None:
+    run = saved_run(tmp_path / "run", channels=3, oriented_gradients=True)
+    export_onnx(run, tmp_path / "net.onnx")
+    ours = values_of(open_describer(str(run)), tiny_route, 12)
+    theirs = values_of(open_describer(f"onnx:{tmp_path / 'net.onnx'}"), tiny_route, 5)
+    assert ours.shape == (12, 96)
+    assert ours.std(axis=0).max() > 0.1
     assert np.abs(ours - theirs).max() <= 1e-4
 
 

@@ -142,17 +142,29 @@ def test_the_same_seed_gives_the_same_weights_and_leaves_random_numbers_alone(
     assert all(torch.equal(first[name], again[name]) for name in first)
 
 
-def test_the_best_recipe_is_trained_named_and_resumed_to_the_same_weights(
-    route: Route, make_config: MakeConfig, tmp_path: Path
+CONTRASTIVE: dict[str, Any] = {
+    "fully_connected": False,
+    "weights": {"place": 0.0},
+    "remedies": {"contrastive": 5000.0, "virtual": {"crop": 0.3, "mirror": 0.5, "join": 0.5}},
+}
+
+
+@pytest.mark.parametrize(
+    ("values", "remedy", "term"),
+    [({"recipe": "best"}, "oriented gradients", "place"), (CONTRASTIVE, "contrastive term", "contrastive")],
+    ids=["best", "contrastive"],
+)
+def test_remedies_are_trained_named_and_resumed_to_the_same_weights(
+    values: dict[str, Any], remedy: str, term: str, route: Route, make_config: MakeConfig, tmp_path: Path
 ) -> None:
-    config = make_config(recipe="best", epochs=2)
+    config = make_config(epochs=2, **values)
     summary = train(route, config, tmp_path / "whole", save_every=0)
     metrics = read_metrics(tmp_path / "whole")
-    assert (metrics["contrastive"] < 0).all()
-    assert np.isnan(metrics["place"]).all()
+    assert (metrics[term] < 0).all()
+    assert np.isnan(metrics[{"place": "contrastive", "contrastive": "place"}[term]]).all()
     checkpoint = load_checkpoint(tmp_path / "whole")
-    assert "contrastive term" in str(checkpoint.about["remedies"])
-    assert checkpoint.model.place_head is None
+    assert remedy in str(checkpoint.about["remedies"])
+    assert (checkpoint.model.place_head is None) is (term == "contrastive")
     assert not list(checkpoint.model.encoder.fully_connected)
     assert summary.frames == 16
     # Stopped after the first epoch and gone on with.

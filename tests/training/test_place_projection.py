@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -17,7 +18,7 @@ from everplace.model.config import ModelConfig
 from everplace.model.images import to_input
 from everplace.training.config import PlaceProjection, TrainConfig
 from everplace.training.fit import train
-from everplace.training.frames import SplitRoute, split_route
+from everplace.training.frames import FrameBlock, SplitRoute, split_route
 from everplace.training.place_projection import fit_place_projection
 
 MakeConfig = Callable[..., TrainConfig]
@@ -82,3 +83,33 @@ def test_the_bound_chooses_the_epoch(route: Route, make_config: MakeConfig, tmp_
 def test_models_without_place_labels_are_refused(make_config: MakeConfig) -> None:
     with pytest.raises(ConfigError, match="oriented_gradients needs place labels, which c-vae does not use"):
         make_config(model="c-vae", oriented_gradients=True)
+
+
+def test_what_other_light_changes_is_kept_out(split: SplitRoute) -> None:
+    moved = []
+    for light in (0.0, 100.0):
+        fitted = model()
+        fit_place_projection(fitted, split, PlaceProjection(light=light))
+        images = to_input(torch.from_numpy(split.training[0].pixels.copy()))
+        fitted.eval()
+        with torch.no_grad():
+            moved.append(float((fitted.descriptor(images.pow(0.6)) - fitted.descriptor(images)).square().mean()))
+    assert moved[1] < 0.5 * moved[0]
+
+
+def test_what_changes_along_a_stretch_is_kept_out() -> None:
+    """One drive has a haze of stripes everywhere, the other none: a difference that is no place's."""
+    rng = np.random.default_rng(0)
+    day = cv2.resize(rng.integers(60, 200, (4, 4 * 48), np.uint8), (32 * 48, 32), interpolation=cv2.INTER_CUBIC)
+    day = day.reshape(32, 48, 32).transpose(1, 0, 2)[..., None]
+    stripes = (20 * np.sin(np.arange(32))).astype(np.int16)[None, :, None, None]
+    hazy = (day.astype(np.int16) + stripes).clip(0, 255).astype(np.uint8)
+    blocks = tuple(FrameBlock(pixels, index) for index, pixels in enumerate((day, hazy)))
+    apart = []
+    for stretches in (0.0, 1000.0):
+        fitted = ConditionVAE(model().config.model_copy(update={"channels": 1}))
+        projection = PlaceProjection(stretches=stretches, light=0.0)
+        fit_place_projection(fitted, SplitRoute(("day", "night"), blocks, blocks, True), projection)
+        first, second = z_p(fitted, SplitRoute(("day", "night"), blocks, blocks, True))
+        apart.append(float((first - second).mean(0).norm() / first.std()))
+    assert apart[1] < 0.5 * apart[0]
