@@ -44,6 +44,16 @@ def test_places_that_only_one_side_has_are_counted() -> None:
     ]
 
 
+def test_places_that_neither_side_has_any_more_are_counted_where_told() -> None:
+    way = [str(place) for place in range(30)]
+    asked, few = drive(["0", "10", "20"]), drive(["0", "1", "11", "12", "20"])
+    assert truth_by_position(asked, few, 1, way).tolist() == [
+        [True, True, False, False, False],
+        [False, False, True, False, False],
+        [False, False, False, False, True],
+    ]
+
+
 def test_frames_in_any_order() -> None:
     shuffled = drive(["1", "2", "3", "4"]).take([2, 0, 3, 1])
     truth = truth_by_position(shuffled, drive(["1", "2", "3", "4"]), 0)

@@ -177,7 +177,9 @@ def write_truth(path: Path, pairs: Iterable[TruthPair]) -> int:
     return count
 
 
-def truth_by_position(query: Traverse, database: Traverse, tolerance: int) -> NDArray[np.bool_]:
+def truth_by_position(
+    query: Traverse, database: Traverse, tolerance: int, places: Iterable[str] = ()
+) -> NDArray[np.bool_]:
     """Tells the same places by stem, give or take some places.
 
     The distance of two frames counts places along the natural order of all stems that either traverse has,
@@ -187,6 +189,7 @@ def truth_by_position(query: Traverse, database: Traverse, tolerance: int) -> ND
         query: M frames.
         database: N frames.
         tolerance: Places by which a match may be off; 0: the same stem only.
+        places: Stems that count as places along the way too, though neither traverse has a frame of them here.
 
     Returns:
         M×N bool.
@@ -202,9 +205,9 @@ def truth_by_position(query: Traverse, database: Traverse, tolerance: int) -> ND
             f"the traverses {query.name!r} and {database.name!r} share no stem, so nobody knows which frames "
             "show the same place; name frames of the same place alike, or add poses and give a radius"
         )
+    place = {stem: rank for rank, stem in enumerate(natural_sorted({*query.stems, *database.stems, *places}))}
     # Further than all places is all of them; NumPy's integers end before Python's do.
-    tolerance = min(tolerance, len(query) + len(database))
-    place = {stem: rank for rank, stem in enumerate(natural_sorted({*query.stems, *database.stems}))}
+    tolerance = min(tolerance, len(place))
     columns = np.array([place[stem] for stem in database.stems])
     order = np.argsort(columns)
     rows = np.array([place[stem] for stem in query.stems])

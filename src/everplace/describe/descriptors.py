@@ -11,7 +11,8 @@ import importlib.metadata
 import json
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast, get_args
 
@@ -70,6 +71,26 @@ class Descriptors:
     def dimension(self) -> int:
         """D, the number of values of one descriptor."""
         return int(self.values.shape[1])
+
+    def of(self, names: Sequence[str]) -> Descriptors:
+        """The descriptors of the frames with these names, in the order given.
+
+        Raises:
+            DescriptorsError: A name is not among them, or occurs twice.
+        """
+        if tuple(names) == self.names:
+            return self
+        position = {name: index for index, name in enumerate(self.names)}
+        for name in names:
+            if name not in position:
+                raise DescriptorsError(f"there is no descriptor of the frame {readable(name)!r}; describe it too")
+        rows = [position[name] for name in names]
+        return replace(
+            self,
+            values=self.values[rows],
+            names=tuple(names),
+            variance=None if self.variance is None else self.variance[rows],
+        )
 
     def _checked(self, array: NDArray[Any], what: str) -> NDArray[np.float32]:
         array = np.asarray(array)

@@ -151,7 +151,11 @@ def align_by_images(
     def align(name: str, places: NDArray[np.int64]) -> Assignment:
         other = described(name)
         seen[name] = thin(other)
-        return find_path(_some(whole, places), other) if len(places) else (places, places)
+        return (
+            find_path(whole.of([whole.names[place] for place in places.tolist()]), other)
+            if len(places)
+            else (places, places)
+        )
 
     frames = align_drives(_counts(route), chosen, align)
     how = f"the images' {describer.method} descriptors"
@@ -235,11 +239,6 @@ def _judged(alignment: Alignment, seen: Mapping[str, Thinned]) -> Alignment:
         if name != reference
     }
     return replace(alignment, paths=paths)
-
-
-def _some(descriptors: Descriptors, places: NDArray[np.int64]) -> Descriptors:
-    names = tuple(descriptors.names[place] for place in places.tolist())
-    return Descriptors(descriptors.values[places], names, descriptors.method, descriptors.metric, descriptors.settings)
 
 
 def _counts(route: Route) -> dict[str, int]:
