@@ -82,6 +82,7 @@ def test_a_preset_with_fewer_queries_than_map_frames_is_evaluated_against_the_wh
     assert status == 0, err
     metrics = json.loads(out)
     assert (metrics["queries"], metrics["database"], metrics["tolerance"]) == (3, 25, 1)
+    assert metrics["protocol"] == "Nordland 2,760 summer queries against 27,592 winter frames, ±1"
     # Queries are the map's frames 0, 10 and 20: 2 + 3 + 3 true matches, and each is brightness apart from its own.
     assert metrics["queries_with_match"] == 3
     assert metrics["recall_at"]["1"] == 1.0

@@ -46,6 +46,11 @@ class Route:
         return self.root.absolute().name
 
     @property
+    def title(self) -> str:
+        """The name, and the protocol that chose the frames where there is one: what results are headed by."""
+        return self.name if self.protocol is None else f"{self.name} ({self.protocol})"
+
+    @property
     def conditions(self) -> tuple[str, ...]:
         """The distinct conditions, in the order in which the traverses come."""
         return tuple(dict.fromkeys(traverse.condition for traverse in self.traverses))

@@ -151,11 +151,8 @@ def align_by_images(
     def align(name: str, places: NDArray[np.int64]) -> Assignment:
         other = described(name)
         seen[name] = thin(other)
-        return (
-            find_path(whole.of([whole.names[place] for place in places.tolist()]), other)
-            if len(places)
-            else (places, places)
-        )
+        some = [whole.names[place] for place in places.tolist()]
+        return find_path(whole.of(some), other) if some else (places, places)
 
     frames = align_drives(_counts(route), chosen, align)
     how = f"the images' {describer.method} descriptors"

@@ -112,6 +112,7 @@ class Comparison:
         """The content of metrics.json."""
         return {
             "route": self.route.name,
+            "protocol": self.route.protocol,
             "places": self.places,
             "tolerance": self.truth.tolerance,
             "radius": self.truth.radius,

@@ -40,7 +40,7 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
         StorageError: Writing failed.
     """
     route = comparison.route
-    subtitle = f"{route.name}: {comparison.places} places, {comparison.truth}, match {comparison.matching}"
+    subtitle = f"{route.title}: {comparison.places} places, {comparison.truth}, match {comparison.matching}"
     report = Report(title, subtitle=subtitle, details=details)
     panels = {
         pair: {label: one.curve for label, one in results.items()} for pair, results in comparison.results.items()
@@ -125,7 +125,7 @@ def _shown(comparison: Comparison, areas: Mapping[str, float]) -> list[str]:
 
 
 def _markdown(comparison: Comparison) -> str:
-    lines = [f"{comparison.route.name}, {comparison.truth}, match {comparison.matching}", ""]
+    lines = [f"{comparison.route.title}, {comparison.truth}, match {comparison.matching}", ""]
     if len(comparison.results) > 2:
         lines += ["**Mean over all ordered pairs**", "", *_markdown_table(*comparison.table()), ""]
     for query, database in comparison.results:

@@ -109,6 +109,7 @@ def open_study(
     document = {  # in this order a directory that holds another study names what differs
         "format": _FORMAT,
         "route": route.name,
+        "protocol": route.protocol,
         "split": dict(split or {}),
         "truth": {
             "tolerance": resolved.tolerance,
