@@ -471,6 +471,35 @@ def test_a_preset_is_named_in_the_route(tmp_path: Path, monkeypatch: pytest.Monk
     assert summary.notes[0] in (copy.parent / "data").parent.joinpath("out/route.toml").read_text()
 
 
+def test_the_papers_preset_wants_frames_without_tunnels_and_stops(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in (("_FULL", 9), ("_PAPER_TRAIN", 2), ("_PAPER_TEST", 4)):
+        monkeypatch.setattr(_nordland_presets, name, value)
+    source = write(tmp_path / "n", folders(range(12)))
+    told = refused(source, preset="paper")
+    assert "needs the list of the 9 frames without tunnels and stops, but there is none and spring has 12;" in told
+    assert told.endswith("name it with --set list=FILE, or take all with --set unfiltered=true")
+    protocol = "Nordland 1,600 training and 6,400 test frames a season, ±1"
+    summary, route = load(source, preset="paper", unfiltered="true")
+    assert summary.protocol == route.protocol == f"{protocol}, tunnels and stops not left out"
+    assert "No list was used: tunnels and stops take part." in summary.notes
+    assert route["winter"].stems == tuple(f"images-{number:05d}" for number in range(0, 12, 2))
+    write(tmp_path, {"eight.txt": "".join(f"images-{number:05d}.png\n" for number in range(3, 11)).encode()})
+    summary, route = load(source, preset="paper", list=str(tmp_path / "eight.txt"))
+    assert summary.protocol == f"{protocol}, by a list of 8 frames"
+    assert route["winter"].stems == tuple(f"images-{number:05d}" for number in (3, 4, 5, 7, 8, 9))
+    write(source, {"cleanImageNames.txt": "".join(f"images-{number:05d}.png\n" for number in range(2, 11)).encode()})
+    summary, route = load(source, preset="paper")
+    assert summary.protocol == route.protocol == protocol
+    assert any("cleanImageNames.txt was used" in note for note in summary.notes)
+    whole = write(tmp_path / "w", folders(range(9)))
+    assert load(whole, preset="paper")[0].protocol == protocol
+    for options in ({"preset": "2760"}, {"preset": "paper", "list": str(tmp_path / "eight.txt")}, {}):
+        with pytest.raises(ConfigError, match="unfiltered=true is for preset paper without a list"):
+            load(source, unfiltered="true", **options)
+
+
 def test_olid_preset_is_about_the_test_split(tmp_path: Path) -> None:
     source = write(tmp_path / "olid", olid())
     assert "but spring has 3" in refused(source, preset="olid")

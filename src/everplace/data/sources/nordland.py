@@ -30,7 +30,7 @@ from everplace.data.sources._nordland_names import (
     read_list,
     season_frame,
 )
-from everplace.data.sources._nordland_presets import PRESETS, choose_frames
+from everplace.data.sources._nordland_presets import PRESETS, choose_frames, paper_protocol
 from everplace.data.sources.protocol import Encoded, ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
@@ -67,6 +67,7 @@ class Options(SourceOptions):
         seasons: Which seasons to take, such as summer,winter; by default all.
         preset: A published protocol: 27592, 2760, olid or paper; sets frames and tolerance.
         list: Files that list the frames to take, by file name; several where each season has its own.
+        unfiltered: Let tunnels and stops take part in preset paper, for want of a list that leaves them out.
         split: The part of the Olid partition: train, test or both.
         size: Resize while reading, such as 64x32 (width × height); by default as stored.
         database: The season of `database/` in the `@`-naming.
@@ -77,6 +78,7 @@ class Options(SourceOptions):
     seasons: tuple[Literal["spring", "summer", "fall", "winter"], ...] = ()
     preset: Literal["", "27592", "2760", "olid", "paper"] = ""
     list: tuple[Path, ...] = ()
+    unfiltered: bool = False
     split: Literal["both", "train", "test"] = "both"
     size: Annotated[tuple[int, int] | None, BeforeValidator(_pixels)] = None
     database: Literal["spring", "summer", "fall", "winter"] = "summer"
@@ -111,6 +113,8 @@ def read(source: Path, options: Options) -> ForeignRoute:
     """
     if options.preset == "olid" and options.split == "train":
         raise ConfigError("preset olid is about the test split; leave out --set split=train")
+    if options.unfiltered and (options.preset != "paper" or options.list):
+        raise ConfigError("unfiltered=true is for preset paper without a list; leave it out")
     copy = _open(source, options)
     preset = PRESETS.get(options.preset)
     stems = {season: copy.stems[season] for season in _seasons(options) if season in copy.stems}
@@ -120,11 +124,17 @@ def read(source: Path, options: Options) -> ForeignRoute:
             f"{readable(source)} holds {', '.join(copy.stems)}, but not {min(absent or _seasons(options))}; "
             "choose others with --set seasons"
         )
-    lists = options.list or (_find_list(source) if preset is not None and preset.wants_list else ())
+    wants_list = preset is not None and preset.wants_list and not options.unfiltered
+    lists = options.list or (_find_list(source) if wants_list else ())
     stems = _listed(stems, lists, source)
+    protocol = "" if preset is None else preset.protocol
+    if options.preset == "paper":
+        protocol = paper_protocol(stems, bool(lists), options.unfiltered)
     if options.preset:
         stems = choose_frames(options.preset, stems)
     notes = [*copy.notes, _LICENCE]
+    if options.unfiltered:
+        notes.insert(0, "No list was used: tunnels and stops take part.")
     if lists and not options.list:
         notes.insert(0, f"The list {readable(lists[0])} was used.")
     return ForeignRoute(
@@ -134,7 +144,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         ),
         tolerance=copy.tolerance if preset is None else preset.tolerance,
         notes=tuple(notes) if preset is None else (preset.note, *notes),
-        protocol="" if preset is None else preset.protocol,
+        protocol=protocol,
     )
 
 
