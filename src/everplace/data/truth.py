@@ -94,6 +94,17 @@ class TruthTable:
             truth[row[kept], column[kept]] = True
         return truth
 
+    def pairs(self) -> Iterator[TruthPair]:
+        """Yields every pair, traverse by traverse.
+
+        Raises:
+            RouteError: The file is malformed, or names a traverse or stem that does not exist.
+        """
+        for (query, database), pairs in self._pairs.items():
+            asking, answering = self._traverses[query].stems, self._traverses[database].stems
+            for first, second in pairs.tolist():
+                yield TruthPair(query, asking[first], database, answering[second])
+
     def _now_at(self, traverse: Traverse) -> NDArray[np.int64]:
         """Returns where each frame of the whole traverse is in the given part of it; -1: left out."""
         position = {stem: index for index, stem in enumerate(traverse.stems)}

@@ -88,7 +88,7 @@ def test_what_cannot_be(tmp_path: Path, drives: Path) -> None:
     with pytest.raises(ConfigError, match="--set size=0x3 cannot be: it is not WIDTHxHEIGHT"):
         import_route("images", drives, out, {"size": "0x3"})
     (drives / "jan" / "times.csv").write_text("stem,seconds\nIMG_8,0\n")
-    with pytest.raises(RouteError, match=r"times.csv has no time for the frame 'IMG_9'; add a row"):
+    with pytest.raises(RouteError, match=r"times.csv has no time for 4 of 5 frames, the first is 'IMG_9'; add a line"):
         import_route("images", drives, out)
     shutil.rmtree(drives / "jan")
     shutil.rmtree(drives / "jul")
