@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from everplace.data.csv_table import read_columns
 from everplace.data.images import IMAGE_ENDINGS
 from everplace.data.poses import read_poses
+from everplace.data.route_toml import read_route_toml
 from everplace.data.sources.folder import POSES_CSV, TIMES_CSV, open_traverse
 from everplace.data.sources.pose_track import PoseTrack, read_pose_track, with_poses
 from everplace.data.sources.protocol import ForeignFrame, ForeignRoute
@@ -36,7 +37,7 @@ def read(source: Path, options: RecordingOptions) -> ForeignRoute:
 
     Raises:
         RouteError: There is no image, two images share a stem, or times or poses are wrong or missing for some.
-        ConfigError: There are not as many conditions as directories.
+        ConfigError: There are not as many conditions as directories, or a route.toml that is there is wrong.
     """
     if not source.is_dir():
         raise RouteError(f"{readable(source)} is not a directory; give a directory of images")
@@ -48,7 +49,10 @@ def read(source: Path, options: RecordingOptions) -> ForeignRoute:
     if not holding:
         raise RouteError(f"{readable(source)} holds no image, nor do its directories; give a directory of images")
     others = [directory for directory in directories if directory not in holding]
-    return recorded_route(source, [_open(directory, options) for directory in holding], options, _left_out(others))
+    # Numbers that the import gives are others than those of which a route.toml speaks.
+    aligned = options.stems != "file" or read_route_toml(source).aligned
+    drives = [_open(directory, options) for directory in holding]
+    return recorded_route(source, drives, options, _left_out(others), aligned=aligned)
 
 
 def _left_out(directories: Sequence[Path]) -> tuple[str, ...]:
