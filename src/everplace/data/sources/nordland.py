@@ -15,12 +15,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Literal, Protocol
 
 from pydantic import BeforeValidator
 
 from everplace.data.image_stores import ImageStore, files_below, open_stores
-from everplace.data.images import ImageSpec, decode_encoded, decode_image, resize_image
 from everplace.data.natural_order import natural_sorted
 from everplace.data.sources._nordland_names import (
     SEASONS,
@@ -31,7 +30,9 @@ from everplace.data.sources._nordland_names import (
     season_frame,
 )
 from everplace.data.sources._nordland_presets import PRESETS, choose_frames, paper_protocol
-from everplace.data.sources.protocol import Encoded, ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.data.sources.content import parse_size, resized
+from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.data.video_frames import VIDEO_ENDINGS
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 
@@ -47,16 +48,6 @@ _LICENCE = (
     "Nordland was filmed by the Norwegian Broadcasting Corporation (NRK); licence claims differ between copies, so "
     "treat it as non-commercial."
 )
-
-
-def _pixels(value: Any) -> Any:
-    """Reads `64x32` (width × height) as (H, W)."""
-    if not isinstance(value, str):
-        return value
-    width, _, height = value.lower().replace("×", "x").partition("x")
-    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 8192 and 0 < int(height) <= 8192):
-        raise ValueError("it is not WIDTHxHEIGHT in pixels, like 64x32")
-    return int(height), int(width)
 
 
 class Options(SourceOptions):
@@ -80,7 +71,7 @@ class Options(SourceOptions):
     list: tuple[Path, ...] = ()
     unfiltered: bool = False
     split: Literal["both", "train", "test"] = "both"
-    size: Annotated[tuple[int, int] | None, BeforeValidator(_pixels)] = None
+    size: Annotated[tuple[int, int] | None, BeforeValidator(parse_size)] = None
     database: Literal["spring", "summer", "fall", "winter"] = "summer"
     queries: Literal["spring", "summer", "fall", "winter"] = "winter"
 
@@ -139,7 +130,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         notes.insert(0, f"The list {readable(lists[0])} was used.")
     return ForeignRoute(
         traverses=(
-            ForeignTraverse(season, _resized(copy.read(season, names), options.size, source), count=len(names))
+            ForeignTraverse(season, resized(copy.read(season, names), options.size), count=len(names))
             for season, names in stems.items()
         ),
         tolerance=copy.tolerance if preset is None else preset.tolerance,
@@ -157,11 +148,11 @@ def _seasons(options: Options) -> tuple[str, ...]:
 def _open(source: Path, options: Options) -> Copy:
     """Opens the copy in the form that was chosen or lies there."""
     from everplace.data.sources._nordland_parquet import ParquetCopy
-    from everplace.data.sources._nordland_video import VIDEO_ENDINGS, VideoCopy
+    from everplace.data.sources._nordland_video import VideoCopy
 
     copies: list[tuple[str, tuple[str, ...], Callable[[Path, Sequence[Path], str], Copy]]] = [
         ("parquet", (".parquet",), ParquetCopy),
-        ("video", VIDEO_ENDINGS, VideoCopy),
+        ("video", tuple(sorted(VIDEO_ENDINGS)), VideoCopy),
     ]
     for form, endings, open_copy in copies:
         if options.form not in ("", form):
@@ -286,20 +277,3 @@ def _listed(stems: dict[str, list[str]], lists: Sequence[Path], source: Path) ->
                 f"the first is {natural_sorted(missing)[0]!a}; take the list that belongs to this copy"
             )
     return {season: natural_sorted(names) for season, names in wanted.items()}
-
-
-def _resized(frames: Iterator[ForeignFrame], size: tuple[int, int] | None, source: Path) -> Iterator[ForeignFrame]:
-    """Decodes and resizes frames on their way, if a size is wanted."""
-    if size is None:
-        yield from frames
-        return
-    spec = ImageSpec(size)
-    for frame in frames:
-        content = frame.content
-        if isinstance(content, Path):
-            pixels = decode_image(content, spec)
-        elif isinstance(content, Encoded):
-            pixels = decode_encoded(f"the frame {frame.stem} of {readable(source)}", content.data, spec)
-        else:
-            pixels = resize_image(content, size)
-        yield frame._replace(content=pixels)
