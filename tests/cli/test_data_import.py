@@ -14,6 +14,7 @@ from PIL import Image
 from sklearn.metrics import average_precision_score
 
 from everplace.cli import main
+from everplace.data.catalogue import DATA_SETS
 from everplace.data.kinds import source_kinds
 from everplace.data.route import open_route
 from everplace.data.selection import Selection
@@ -137,6 +138,12 @@ def test_the_list_names_every_kind_with_its_options() -> None:
         assert f"{kind}: {told['summary']}\n" in out
         for option in told["options"]:
             assert f"    --set {option}=..." in out
+    found = {name: about for told in listed.values() for name, about in told["data_sets"].items()}
+    assert set(found) == {data_set.name for data_set in DATA_SETS}
+    for data_set in DATA_SETS:
+        assert data_set.name in listed[data_set.kind]["data_sets"]
+        assert (f"    everplace data fetch {data_set.name}  " in out) == (not data_set.unavailable)
+        assert (f"    {data_set.name} cannot be fetched: " in out) == bool(data_set.unavailable)
 
 
 def test_the_list_says_what_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
