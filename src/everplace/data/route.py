@@ -81,7 +81,7 @@ class Route:
         named = [traverse for traverse in self.traverses if traverse.name == name]
         found = named or [traverse for traverse in self.traverses if traverse.condition == name]
         if len(found) > 1:
-            names = ", ".join(traverse.name for traverse in found)
+            names = ", ".join(readable(traverse.name) for traverse in found)
             raise RouteError(f"the condition {name!r} has several traverses ({names}); name one of them")
         if not found:
             raise self._unknown(name)
@@ -150,7 +150,7 @@ class Route:
             traverse.name if traverse.name == traverse.condition else f"{traverse.name} ({traverse.condition})"
             for traverse in self.traverses
         ]
-        return f"there are: {', '.join(names)}"
+        return f"there are: {', '.join(map(readable, names))}"
 
 
 def open_route(path: str | os.PathLike[str]) -> Route:

@@ -160,7 +160,7 @@ class TruthTable:
             if traverse not in self._traverses:
                 return RouteError(
                     f"{where} names the traverse {traverse!r}, which the route does not have; there are: "
-                    f"{', '.join(self._traverses)}"
+                    f"{', '.join(map(readable, self._traverses))}"
                 )
             if stem not in self._traverses[traverse].stems:
                 return RouteError(

@@ -148,8 +148,8 @@ class Descriptors:
         """Writes hloc's layout: a group for every name (`/` nests) that holds `global_descriptor`, D float32.
 
         Raises:
-            DescriptorsError: A name cannot be an HDF5 group: it is not UTF-8, has an empty part, or is the
-                directory of another.
+            DescriptorsError: A name cannot be an HDF5 group: it is not UTF-8, holds a line break, has an empty part,
+                or is the directory of another.
             StorageError: The place cannot be written to.
         """
         with _in_memory() as file:

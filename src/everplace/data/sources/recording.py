@@ -99,7 +99,7 @@ def recorded_route(
     if options.conditions and len(options.conditions) != len(drives):
         raise ConfigError(
             f"--set conditions names {len(options.conditions)} conditions, but {readable(source)} holds {len(drives)} "
-            f"drives: {', '.join(drive.name for drive in drives)}; name one for each, in this order"
+            f"drives: {', '.join(readable(drive.name) for drive in drives)}; name one for each, in this order"
         )
     conditions = options.conditions or tuple("" for _ in drives)
     aligned = aligned if options.aligned is None else options.aligned
