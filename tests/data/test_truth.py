@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.fuzzing import fuzzed
 
 from everplace.data.natural_order import natural_key, natural_sorted
 from everplace.data.traverse import Traverse
@@ -190,7 +191,7 @@ def test_what_is_written_is_read(tmp_path_factory: pytest.TempPathFactory, stems
 
 
 @given(st.text(max_size=60))
-@settings(max_examples=60, deadline=None)
+@fuzzed(60)
 def test_any_text_is_a_truth_or_one_error(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
     path = tmp_path_factory.mktemp("truth") / "truth.csv"
     path.write_bytes((HEADER + "q,a,d,x\n" + text).encode("utf-8", "surrogatepass"))

@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
+from tests.fuzzing import fuzzed
 
 from everplace.data.images import ImageSpec, decode_image, resize_image
 from everplace.data.importing import ImportSummary, import_route
@@ -253,6 +254,35 @@ def test_parquet_that_is_not_nordland(tmp_path: Path) -> None:
     assert "is damaged or no Parquet file" in refused(path)
 
 
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    path = tmp_path_factory.mktemp("table") / "p.parquet"
+    parquet(path, olid_rows()[:4])
+    return path.read_bytes()
+
+
+@fuzzed(60)
+@given(
+    changes=st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), max_size=4),
+    end=st.floats(0, 1),
+)
+def test_a_damaged_parquet_file_gives_frames_or_one_error(
+    tmp_path: Path, table: bytes, changes: list[tuple[float, bytes]], end: float
+) -> None:
+    data = bytearray(table)
+    for place, value in changes:
+        start = int(place * len(data))
+        data[start : start + len(value)] = value
+    path = tmp_path / "p.parquet"
+    path.write_bytes(data[: int(len(data) * min(1.0, 2 * end))])
+    try:
+        route = nordland.read(path, nordland.Options())
+        assert sum(len(list(traverse.frames)) for traverse in route.traverses) <= 4
+    except EverplaceError as error:
+        assert "p.parquet" in str(error)
+        assert len(str(error).splitlines()) == 1
+
+
 def test_missing_extras_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for package, file, extra in [("pyarrow", "a.parquet", "parquet"), ("av", "winter.mp4", "video")]:
         (tmp_path / file).write_bytes(b"")
@@ -331,7 +361,7 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return path.read_bytes()
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@fuzzed(40)
 @given(
     changes=st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), max_size=4),
     end=st.floats(0, 1),
@@ -415,7 +445,7 @@ def test_lists_that_cannot_be(tmp_path: Path) -> None:
             load(source, list=str(tmp_path / "kept.npy"))
 
 
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@fuzzed(50)
 @given(
     names=st.lists(st.text("ab/.#-01\\ é", min_size=1, max_size=9), max_size=6),
     as_npy=st.booleans(),
