@@ -101,8 +101,8 @@ def test_a_directory_of_that_name(tmp_path: Path) -> None:
 
 
 PIECES = [
-    "aligned", "tolerance", "radius", "truth", "ignore", "protocol", "traverses", "condition", "pattern", "poses", "=", " ",
-    "\n", "[", "]", ".", ",", "{", "}", '"', "'", '"""', "#", "true", "1", "-1", "1e9", "nan", "\\",
+    "aligned", "tolerance", "radius", "truth", "ignore", "protocol", "traverses", "condition", "pattern", "poses", "=",
+    " ", "\n", "[", "]", ".", ",", "{", "}", '"', "'", '"""', "#", "true", "1", "-1", "1e9", "nan", "\\",
 ]  # fmt: skip
 tables = st.lists(st.sampled_from(PIECES), max_size=14).map(lambda parts: "".join(parts).encode())
 
