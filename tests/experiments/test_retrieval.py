@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from everplace.data.route import open_route
 from everplace.data.selection import Selection, select
@@ -168,10 +169,10 @@ def test_a_comparison_uses_the_pairs_in_both_directions(tiny_route: Path, tmp_pa
     assert [pair["methods"]["hog"]["queries_with_match"] for pair in metrics["pairs"]] == [12, 12]
 
 
-def banded(rows: int, columns: list[int], at: list[int]) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Truth of queries at some of 12 places, ±1 place, for the database frames of `columns`."""
-    assert len(at) == rows
-    return np.abs(np.array(at)[:, None] - np.array(columns)) <= 1
+def banded(queries: list[int], database: list[int]) -> NDArray[np.bool_]:
+    """The truth of frames at these places, ±1 place."""
+    distance: NDArray[np.int64] = np.abs(np.array(queries)[:, None] - np.array(database))
+    return distance <= 1
 
 
 def test_queries_of_some_places_look_in_the_whole_map(tiny_route: Path) -> None:
@@ -180,16 +181,16 @@ def test_queries_of_some_places_look_in_the_whole_map(tiny_route: Path) -> None:
     route = open_route(tiny_route)
     chosen, pair = choose_pair(route, "winter", "summer", Selection())
     matches, _ = true_matches(chosen, pair, Truth())
-    np.testing.assert_array_equal(matches, banded(4, list(range(12)), [2, 5, 6, 9]))
+    np.testing.assert_array_equal(matches, banded([2, 5, 6, 9], list(range(12))))
     # The other way round only places that the map has are asked for; they are counted along the whole way.
     chosen, pair = choose_pair(route, "summer", "winter", Selection())
     assert pair.query.stems == pair.database.stems == ("2", "5", "6", "9")
     matches, _ = true_matches(chosen, pair, Truth())
-    np.testing.assert_array_equal(matches, banded(4, [2, 5, 6, 9], [2, 5, 6, 9]))
+    np.testing.assert_array_equal(matches, banded([2, 5, 6, 9], [2, 5, 6, 9]))
     assert matches.sum() == 6
     chosen, pair = choose_pair(route, "winter", "summer", Selection(slice(1, 3)))
     matches, _ = true_matches(chosen, pair, Truth())
-    np.testing.assert_array_equal(matches, banded(2, [5, 6, 7, 8], [5, 6]))
+    np.testing.assert_array_equal(matches, banded([5, 6], [5, 6, 7, 8]))
 
 
 def test_a_comparison_and_an_evaluation_agree_on_the_whole_map(tiny_route: Path, tmp_path: Path) -> None:

@@ -147,6 +147,7 @@ def test_any_text_is_a_sequence_or_one_error(tmp_path: Path, text: bytes, times:
     try:
         ((frame,),) = (traverse.frames for traverse in ms2.read(tmp_path / "ms2", ms2.Options()).traverses)
         assert frame.pose is not None
+        assert frame.seconds is not None
         assert np.isfinite([*frame.pose, frame.seconds]).all()
     except EverplaceError as error:
         assert file.name in str(error)
