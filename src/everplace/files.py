@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator
@@ -22,9 +23,16 @@ __all__ = [
 ]
 
 
+_CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
+
+
 def readable(path: str | os.PathLike[str]) -> str:
-    """Returns a path as text that can always be printed (bytes that are not UTF-8 are escaped)."""
-    return os.fsencode(os.fspath(path)).decode("utf-8", "backslashreplace")
+    """Returns a path or name as text that can always be printed on one line.
+
+    Bytes that are not UTF-8 are escaped, and so are control characters: a line break in a name breaks no message.
+    """
+    text = os.fsencode(os.fspath(path)).decode("utf-8", "backslashreplace")
+    return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
 
 
 def cache_directory(name: str) -> Path:

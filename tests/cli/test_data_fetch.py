@@ -55,8 +55,7 @@ def test_it_says_which_command_comes_next(listed: DataSet, tmp_path: Path, capsy
     where = str(tmp_path / "my walk")
     assert main.run(["data", "fetch", "walk", "--out", where, "--yes"]) == 0
     out = capsys.readouterr().out
-    unpack = f"python -m zipfile -e '{where}/walk.zip' '{where}'"
-    assert f"{unpack} && everplace data import gardens_point '{where}' --out my-route" in out
+    assert f"next       everplace data import gardens_point '{where}' --out my-route" in out
 
 
 def test_nobody_is_asked_where_nobody_sits(

@@ -8,11 +8,21 @@ import json
 import tarfile
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
+from sklearn.metrics import average_precision_score
 
 from everplace.cli import main
+from everplace.data.catalogue import DATA_SETS
 from everplace.data.kinds import source_kinds
 from everplace.data.route import open_route
+from everplace.data.selection import Selection
+from everplace.data.sources import _nordland_presets
+from everplace.describe.pipeline import describe_traverse
+from everplace.describe.registry import open_describer
+from everplace.experiments.retrieval import Truth, choose_pair, true_matches
+from everplace.match.similarity import similarity
 
 
 def call(*arguments: str | Path) -> tuple[int, str, str]:
@@ -47,6 +57,46 @@ def test_options_and_notes_for_people(tiny_route: Path, tmp_path: Path) -> None:
     assert err.startswith("everplace: Nordland was filmed by")
     assert open_route(tmp_path / "r")["winter"].stems == ("3", "5")
     assert not any(path.is_symlink() for path in open_route(tmp_path / "r")["winter"].paths)
+
+
+def test_a_preset_with_fewer_queries_than_map_frames_is_evaluated_against_the_whole_map(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the protocol of 2,760 queries and 27,592 map frames says, on a journey of 25."""
+    monkeypatch.setattr(_nordland_presets, "_FULL", 25)
+    rng = np.random.default_rng(3)
+    names = [f"images-{number:05d}.png" for number in range(3, 30) if number not in (7, 8)]  # tunnels
+    for number in range(31):
+        coarse = rng.integers(40, 216, (4, 8), dtype=np.uint8)
+        place = Image.fromarray(coarse).resize((64, 32), Image.Resampling.BICUBIC)
+        for season, brightness in (("summer", 0), ("winter", 30)):
+            path = tmp_path / "n" / season / f"images-{number:05d}.png"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            place.point(lambda value, more=brightness: value + more).save(path)
+    (tmp_path / "n" / "cleanImageNames.txt").write_text("\n".join(names))
+    status, _, err = call("data", "import", "nordland", tmp_path / "n", "--out", tmp_path / "r", "--set", "preset=2760")
+    assert status == 0, err
+    status, out, err = call(
+        "evaluate", tmp_path / "r", "--method", "hog", "--query", "summer", "--database", "winter", "--out",
+        tmp_path / "e", "--json",
+    )  # fmt: skip
+    assert status == 0, err
+    metrics = json.loads(out)
+    assert (metrics["queries"], metrics["database"], metrics["tolerance"]) == (3, 25, 1)
+    assert metrics["protocol"] == "Nordland 2,760 summer queries against 27,592 winter frames, ±1"
+    # Queries are the map's frames 0, 10 and 20: 2 + 3 + 3 true matches, and each is brightness apart from its own.
+    assert metrics["queries_with_match"] == 3
+    assert metrics["recall_at"]["1"] == 1.0
+    route = open_route(tmp_path / "r")
+    chosen, pair = choose_pair(route, "summer", "winter", Selection())
+    truth, _ = true_matches(chosen, pair, Truth())
+    assert [np.flatnonzero(row).tolist() for row in truth] == [[0, 1], [9, 10, 11], [19, 20, 21]]
+    assert [pair.database.stems[index] for index in (0, 10, 20)] == list(pair.query.stems)
+    # Of the 75 pairs 8 are true; the same scores by scikit-learn's definition of average precision.
+    describer = open_describer("hog")
+    S = similarity(*(describe_traverse(describer, one) for one in (pair.query, pair.database)))
+    assert S.shape == (3, 25)
+    assert metrics["average_precision"] == pytest.approx(average_precision_score(truth.ravel(), S.ravel()))
 
 
 @pytest.mark.parametrize(
@@ -88,6 +138,12 @@ def test_the_list_names_every_kind_with_its_options() -> None:
         assert f"{kind}: {told['summary']}\n" in out
         for option in told["options"]:
             assert f"    --set {option}=..." in out
+    found = {name: about for told in listed.values() for name, about in told["data_sets"].items()}
+    assert set(found) == {data_set.name for data_set in DATA_SETS}
+    for data_set in DATA_SETS:
+        assert data_set.name in listed[data_set.kind]["data_sets"]
+        assert (f"    everplace data fetch {data_set.name}  " in out) == (not data_set.unavailable)
+        assert (f"    {data_set.name} cannot be fetched: " in out) == bool(data_set.unavailable)
 
 
 def test_the_list_says_what_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:

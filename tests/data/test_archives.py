@@ -10,8 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.fuzzing import fuzzed
 
 from everplace.data import archives
 from everplace.data.archives import Member, is_archive_name, list_members, read_members
@@ -213,7 +214,7 @@ def test_a_missing_archive_is_an_error(tmp_path: Path) -> None:
     assert "No such file" in refused(tmp_path / "gone.tar")
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@fuzzed(60)
 @given(
     files=st.dictionaries(st.text("abc/é. ", min_size=1, max_size=12), st.binary(max_size=1500), max_size=4),
     flips=st.lists(st.tuples(st.floats(0, 1), st.integers(1, 255)), max_size=4),

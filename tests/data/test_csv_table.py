@@ -3,8 +3,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.fuzzing import fuzzed
 
 from everplace.data.csv_table import read_columns, read_table
 from everplace.errors import RouteError
@@ -43,7 +44,7 @@ def test_a_missing_file_comes_with_the_remedy(tmp_path: Path) -> None:
         read_columns(tmp_path / "none.csv")
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@fuzzed(60)
 @given(text=st.binary(max_size=60), header=st.booleans())
 def test_any_bytes_give_rows_or_one_error(tmp_path: Path, text: bytes, header: bool) -> None:
     path = tmp_path / "fuzz.csv"

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.fuzzing import fuzzed
 
 from everplace.data.geodesy import local_plane
 from everplace.data.gps import poses_on_track, read_gps
@@ -81,7 +82,7 @@ def test_mistakes_name_file_and_row(tmp_path: Path, text: str, message: str) -> 
 @given(
     st.text(alphabet='012.-e,\n"\r\0nasecodxytlim', max_size=50).map(lambda rest: "seconds,x,y\n" + rest) | st.text()
 )
-@settings(max_examples=60, deadline=None)
+@fuzzed(60)
 def test_fuzzed_text_gives_a_track_or_one_error(text: str) -> None:
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / "gps.csv"

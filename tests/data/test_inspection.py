@@ -112,6 +112,15 @@ def test_traverses_that_are_not_aligned(tiny_route: Path) -> None:
     assert found.traverses[1].dark[0]
 
 
+def test_no_name_is_missing_where_names_are_no_places(tiny_route: Path) -> None:
+    (tiny_route / "winter" / "3.png").unlink()
+    assert [traverse.missing for traverse in inspect(tiny_route).traverses] == [(), ("3",)]
+    (tiny_route / "route.toml").write_text("aligned = false\n")
+    found = inspect(tiny_route)
+    assert [traverse.missing for traverse in found.traverses] == [(), ()]
+    assert found.places == ()
+
+
 def test_pictures_of_several_sizes(tiny_route: Path) -> None:
     Image.new("RGB", (100, 50), (90, 80, 70)).save(tiny_route / "summer" / "3.png")
     exif = Image.Exif()

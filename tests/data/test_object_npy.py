@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from tests.fuzzing import fuzzed
 
 from everplace.data.object_npy import read_object_array
 from everplace.errors import RouteError
@@ -166,7 +167,7 @@ def test_broken_files(tmp_path: Path, content: bytes, message: str) -> None:
     edits=st.lists(st.tuples(st.integers(0, 400), st.binary(max_size=3)), min_size=1, max_size=4),
     kept=st.integers(0, 400),
 )
-@settings(max_examples=80, deadline=None)
+@fuzzed(80)
 def test_fuzzed_files_give_lists_or_one_error(
     tmp_path_factory: pytest.TempPathFactory, protocol: int, edits: list[tuple[int, bytes]], kept: int
 ) -> None:

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.fuzzing import fuzzed
 
 from everplace.data.pairs import read_pairs
 from everplace.errors import RouteError
@@ -66,7 +67,7 @@ def test_missing_and_not_utf8(tmp_path: Path) -> None:
 @given(st.text(alphabet='abcd01234\n,"\r\0 ;winterso_ump', max_size=60) | st.lists(
     st.tuples(st.sampled_from(["a", "b", "c", "d", ""]), st.sampled_from(["0", "1", "2", "3", "4"])), max_size=5
 ).map(lambda rows: "\n".join(["stem_a,stem_b", *(",".join(row) for row in rows)])))  # fmt: skip
-@settings(max_examples=60, deadline=None)
+@fuzzed(60)
 def test_fuzzed_text_gives_rising_pairs_or_one_error(text: str) -> None:
     with tempfile.TemporaryDirectory() as directory:
         try:

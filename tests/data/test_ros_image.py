@@ -2,9 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from tests.fuzzing import fuzzed
 
 from everplace.data.ros_image import ENCODINGS, image_pixels
 
@@ -93,7 +94,7 @@ def test_fields_that_contradict_each_other(encoding: str, height: int, width: in
         image_pixels(encoding, height, width, step, np.zeros(64, dtype=np.uint8), big_endian=False)
 
 
-@settings(max_examples=100, deadline=None)
+@fuzzed(100)
 @given(
     encoding=st.sampled_from(ENCODINGS),
     height=st.integers(0, 9),

@@ -3,6 +3,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.fuzzing import fuzzed
 
 from everplace.data.route_toml import RouteToml, read_route_toml
 from everplace.errors import ConfigError
@@ -95,3 +98,21 @@ def test_a_directory_of_that_name(tmp_path: Path) -> None:
     (tmp_path / "route.toml").mkdir()
     with pytest.raises(ConfigError, match=r"cannot read .*route\.toml"):
         read_route_toml(tmp_path)
+
+
+PIECES = [
+    "aligned", "tolerance", "radius", "truth", "ignore", "protocol", "traverses", "condition", "pattern", "poses", "=",
+    " ", "\n", "[", "]", ".", ",", "{", "}", '"', "'", '"""', "#", "true", "1", "-1", "1e9", "nan", "\\",
+]  # fmt: skip
+tables = st.lists(st.sampled_from(PIECES), max_size=14).map(lambda parts: "".join(parts).encode())
+
+
+@fuzzed(80)
+@given(st.binary(max_size=40) | tables)
+def test_any_bytes_are_settings_or_one_error(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "route.toml").write_bytes(content)
+    try:
+        read_route_toml(tmp_path)
+    except ConfigError as error:
+        assert "route.toml" in str(error)
+        assert len(str(error).splitlines()) == 1

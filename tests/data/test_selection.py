@@ -10,7 +10,7 @@ from PIL import Image
 from everplace.data.images import ImageSpec
 from everplace.data.pack import pack
 from everplace.data.route import Route, open_route
-from everplace.data.selection import Selection, dark_places, parse_frames, select, stationary_places
+from everplace.data.selection import Selection, dark_places, parse_frames, select, select_maps, stationary_places
 from everplace.errors import ConfigError, ImageError, RouteError
 
 BOTH = Selection(drop_dark=True, drop_stationary=True)
@@ -165,3 +165,51 @@ def test_nordland_filter_is_the_native_image(shared_data: Path) -> None:
     winter = open_route(shared_data / "nordland64")["winter"][:8]
     stored = np.stack([np.asarray(Image.open(path))[:, :, :1] for path in winter.paths])
     np.testing.assert_array_equal(pack(winter, ImageSpec(size=(32, 64), grey=True)).pixels, stored)
+
+
+def with_map(root: Path, asked: set[int]) -> Route:
+    """A route of 12 summer frames, the map, and only some winter frames."""
+    for place in set(range(12)) - asked:
+        (root / "winter" / f"{place}.png").unlink()
+    return open_route(root)
+
+
+@pytest.mark.parametrize(
+    ("frames", "winter", "summer"),
+    [
+        (None, "2 5 9", "0 1 2 3 4 5 6 7 8 9 10 11"),
+        (slice(0, 1), "2", "0 1 2 3 4"),
+        (slice(1, 2), "5", "5 6 7 8"),
+        (slice(1, None), "5 9", "5 6 7 8 9 10 11"),
+        (slice(2, 9), "9", "9 10 11"),
+    ],
+)
+def test_a_map_keeps_its_frames_between_the_chosen_places(
+    tiny_route: Path, frames: slice | None, winter: str, summer: str
+) -> None:
+    chosen = select_maps(with_map(tiny_route, {2, 5, 9}), Selection(frames))
+    assert chosen["winter"].stems == tuple(winter.split())
+    assert chosen["summer"].stems == tuple(summer.split())
+
+
+def test_filters_judge_frames_that_only_the_map_has_by_the_map_alone(tiny_route: Path) -> None:
+    route = with_map(tiny_route, {2, 5, 9})
+    black = Image.new("RGB", (64, 32))
+    black.save(tiny_route / "summer" / "7.png")
+    black.save(tiny_route / "winter" / "5.png")
+    (tiny_route / "summer" / "3.png").write_bytes((tiny_route / "summer" / "2.png").read_bytes())
+    chosen = select_maps(route, BOTH)
+    assert chosen["winter"].stems == ("2", "9")
+    assert chosen["summer"].stems == ("0", "1", "2", "4", "6", "8", "9", "10", "11")
+    assert select_maps(route, Selection(slice(1, 2), True))["summer"].stems == ("9", "10", "11")
+
+
+@pytest.mark.parametrize("asked", [set(range(12)), {3, 4, 40}])
+def test_drives_that_are_not_nested_keep_what_they_share(tiny_route: Path, asked: set[int]) -> None:
+    for place in asked - set(range(12)):
+        (tiny_route / "winter" / f"{place}.png").write_bytes((tiny_route / "winter" / "0.png").read_bytes())
+    route = with_map(tiny_route, asked)
+    selection = Selection(slice(1, None), drop_stationary=True)
+    stems = [traverse.stems for traverse in select_maps(route, selection).traverses]
+    assert stems == [traverse.stems for traverse in select(route, selection).traverses]
+    assert stems[0] == stems[1]

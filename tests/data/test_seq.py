@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from tests.fuzzing import fuzzed
 
 from everplace.data.seq import open_seq
 from everplace.data.sources.protocol import Encoded
@@ -142,7 +143,7 @@ def test_a_file_that_shrinks_while_it_is_read(tmp_path: Path, write_seq: Any) ->
 
 
 @given(st.data())
-@settings(max_examples=60, deadline=None)
+@fuzzed(60)
 def test_fuzzed_bytes_give_frames_or_one_error(write_seq: Any, data: st.DataObject) -> None:
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / "a.seq"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.fuzzing import fuzzed
 
 from everplace.data.natural_order import natural_key, natural_sorted
 from everplace.data.traverse import Traverse
@@ -41,6 +42,16 @@ def test_places_that_only_one_side_has_are_counted() -> None:
     assert truth_by_position(drive(["1", "3"]), drive(["1", "2", "3"]), 1).tolist() == [
         [True, True, False],
         [False, True, True],
+    ]
+
+
+def test_places_that_neither_side_has_any_more_are_counted_where_told() -> None:
+    way = [str(place) for place in range(30)]
+    asked, few = drive(["0", "10", "20"]), drive(["0", "1", "11", "12", "20"])
+    assert truth_by_position(asked, few, 1, way).tolist() == [
+        [True, True, False, False, False],
+        [False, False, True, False, False],
+        [False, False, False, False, True],
     ]
 
 
@@ -180,7 +191,7 @@ def test_what_is_written_is_read(tmp_path_factory: pytest.TempPathFactory, stems
 
 
 @given(st.text(max_size=60))
-@settings(max_examples=60, deadline=None)
+@fuzzed(60)
 def test_any_text_is_a_truth_or_one_error(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
     path = tmp_path_factory.mktemp("truth") / "truth.csv"
     path.write_bytes((HEADER + "q,a,d,x\n" + text).encode("utf-8", "surrogatepass"))

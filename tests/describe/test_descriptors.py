@@ -40,6 +40,19 @@ def test_a_file_gives_everything_back(tmp_path: Path) -> None:
     assert (len(read), read.dimension) == (3, 2)
 
 
+def test_rows_by_name() -> None:
+    whole = example(variance=VALUES + 1, settings={"cell": 8})
+    some = whole.of(["c", "a"])
+    assert some.names == ("c", "a")
+    np.testing.assert_array_equal(some.values, VALUES[[2, 0]])
+    assert some.variance is not None
+    np.testing.assert_array_equal(some.variance, VALUES[[2, 0]] + 1)
+    assert (some.method, some.settings) == ("test", {"cell": 8})
+    assert whole.of(NAMES) is whole
+    with pytest.raises(DescriptorsError, match="no descriptor of the frame 'd'"):
+        whole.of(["a", "d"])
+
+
 def test_the_file_is_the_one_of_the_contract(tmp_path: Path) -> None:
     example(settings={"cell": 8}).save(str(tmp_path / "d.h5"))
     with h5py.File(tmp_path / "d.h5", "r") as file:

@@ -19,6 +19,7 @@ from everplace.cli import main
 from everplace.data.render.config import RenderConfig
 from everplace.data.render.route import render_route
 from everplace.data.route import open_route
+from everplace.data.times import read_times
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, RouteError
 from everplace.experiments.alignment import (
@@ -120,6 +121,57 @@ def test_the_aligned_route_has_the_places_the_poses_and_where_they_came_from(dri
     assert "Aligned with" in (tmp_path / "aligned/route.toml").read_text()
     with pytest.raises(ConfigError, match="already exists and is not empty"):
         write_aligned(found, tmp_path / "aligned")
+
+
+@pytest.fixture
+def recorded(tiny_route: Path) -> Path:
+    """Summer with 12 frames at even seconds; winter lacks two, and its frames have names of their own."""
+    stems = [place for place in range(12) if place not in (3, 8)]
+    for place in range(12):
+        path = tiny_route / "winter" / f"{place}.png"
+        path.rename(path.with_name(f"w{place}.png")) if place in stems else path.unlink()
+    for drive, prefix, places in (("summer", "", list(range(12))), ("winter", "w", stems)):
+        rows = [f"{prefix}{place},{2.0 * place + (drive == 'winter') / 4}" for place in reversed(places)]
+        (tiny_route / drive / "times.csv").write_text("\n".join(["stem,seconds", *rows]) + "\n")
+        rows = [f"{prefix}{place},{10.0 * place},0,0" for place in places]
+        (tiny_route / drive / "poses.csv").write_text("\n".join(["stem,x,y,heading", *rows]) + "\n")
+    lines = [f"winter,w{place},summer,{near}" for place in stems for near in (place, place + 1) if near < 12]
+    (tiny_route / "truth.csv").write_text("\n".join(["query_traverse,query,database_traverse,database", *lines]) + "\n")
+    (tiny_route / "route.toml").write_text('truth = "truth.csv"\naligned = false\n')
+    return tiny_route
+
+
+def test_times_and_pairs_come_along(recorded: Path, tmp_path: Path) -> None:
+    status, _, err = command("data", "align", recorded, "--out", tmp_path / "aligned", "--by", "poses", "--radius", "1")
+    assert status == 0, err
+    # Of the 19 pairs, those with summer's frames 3 and 8 cannot come along.
+    assert err == "everplace: 2 of 19 pairs of truth.csv were left out: a frame of theirs has no partner.\n"
+    aligned = open_route(tmp_path / "aligned")
+    stems = tuple(f"w{place}" for place in (0, 1, 2, 4, 5, 6, 7, 9, 10, 11))
+    assert aligned["summer"].stems == aligned["winter"].stems == stems
+    assert aligned.stems_are_places
+    for drive, late in (("summer", 0.0), ("winter", 0.25)):
+        times = read_times(tmp_path / "aligned" / drive / "times.csv", stems)
+        assert times.tolist() == [2.0 * int(stem[1:]) + late for stem in stems]
+    assert aligned.truth is not None
+    truth = aligned.truth.matches(aligned["winter"], aligned["summer"])
+    numbers = np.array([int(stem[1:]) for stem in stems])
+    np.testing.assert_array_equal(truth, np.isin(numbers - numbers[:, None], (0, 1)))
+
+
+def test_pairs_that_fit_no_more_are_refused(recorded: Path, tmp_path: Path) -> None:
+    lines = ["query_traverse,query,database_traverse,database", "winter,w2,summer,3", "summer,8,winter,w7"]
+    (recorded / "truth.csv").write_text("\n".join(lines) + "\n")
+    status, _, err = command("data", "align", recorded, "--out", tmp_path / "aligned", "--by", "poses", "--radius", "1")
+    assert status == 2
+    assert "truth.csv is left between the aligned frames; take `truth` out of route.toml" in err
+    assert not (tmp_path / "aligned").exists()
+    (recorded / "route.toml").write_text("aligned = false\n")
+    (recorded / "winter" / "times.csv").write_text("stem,seconds\nw0,1\n")
+    status, _, err = command("data", "align", recorded, "--out", tmp_path / "aligned", "--by", "poses", "--radius", "1")
+    assert status == 2
+    assert "times.csv has no time for 9 of 10 frames, the first is 'w1'" in err
+    assert not (tmp_path / "aligned").exists()
 
 
 def test_what_cannot_be_aligned(drives: Path, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from tests.experiments.comparing import MEASURED, compare, refused
 from everplace.data.route import open_route
 from everplace.data.selection import Selection, select
 from everplace.experiments.comparison import COSTS, SCORES
+from everplace.experiments.evaluation import evaluate_method, write_evaluation
 from everplace.experiments.manifest import DEFINITIONS, open_study
 from everplace.experiments.retrieval import Matching, Truth
 
@@ -49,6 +50,28 @@ def test_two_runs_have_equal_manifests_and_metrics(tiny_route: Path, tmp_path: P
     changed = manifest_of(tmp_path / "other")
     assert (changed["split"]["frames"], changed["split"]["seed"]) == ("3:", 4)
     assert changed["traverses"] != one["traverses"]
+
+
+def test_the_protocol_that_chose_the_frames_is_named_in_every_result(tiny_route: Path, tmp_path: Path) -> None:
+    (tiny_route / "route.toml").write_text('protocol = "Somewhere, 12 frames, ±1"\ntolerance = 1\n', "utf-8")
+    metrics = compare(tiny_route, tmp_path / "c", "--methods", "hog")
+    assert metrics["protocol"] == manifest_of(tmp_path / "c")["protocol"] == "Somewhere, 12 frames, ±1"
+    head = "tiny (Somewhere, 12 frames, ±1), ±1 frames, match plain"
+    assert (tmp_path / "c" / "table.md").read_text("utf-8").splitlines()[0] == head
+    assert "tiny (Somewhere, 12 frames, ±1): 12 places, ±1 frames" in (tmp_path / "c" / "report.html").read_text(
+        "utf-8"
+    )
+    evaluated = evaluate_method(
+        open_route(tiny_route), "hog", query="winter", database="summer", selection=Selection(), truth=Truth(),
+        matching=Matching(),
+    )  # fmt: skip
+    assert evaluated.metrics()["protocol"] == "Somewhere, 12 frames, ±1"
+    write_evaluation(evaluated, tmp_path / "e", details={})
+    assert "tiny (Somewhere, 12 frames, ±1), ±1 frames, plain" in (tmp_path / "e" / "report.html").read_text("utf-8")
+    (tiny_route / "route.toml").unlink()
+    metrics = compare(tiny_route, tmp_path / "none", "--methods", "hog")
+    assert metrics["protocol"] is None
+    assert (tmp_path / "none" / "table.md").read_text("utf-8").startswith("tiny, ±1 frames, ")
 
 
 def test_every_column_is_defined() -> None:

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from everplace.data.route import open_route
 from everplace.data.selection import Selection, select
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, RouteError
 from everplace.experiments.comparison import compare_methods
+from everplace.experiments.comparison_report import write_comparison
 from everplace.experiments.evaluation import evaluate_method, write_evaluation
 from everplace.experiments.fitting import Methods, select_tested
 from everplace.experiments.manifest import open_study
@@ -165,6 +167,50 @@ def test_a_comparison_uses_the_pairs_in_both_directions(tiny_route: Path, tmp_pa
     metrics = compare_methods(study, Methods({"hog": open_describer("hog")}), tmp_path / "out").metrics()
     assert metrics["truth"] == "truth.csv"
     assert [pair["methods"]["hog"]["queries_with_match"] for pair in metrics["pairs"]] == [12, 12]
+
+
+def banded(queries: list[int], database: list[int]) -> NDArray[np.bool_]:
+    """The truth of frames at these places, ±1 place."""
+    distance: NDArray[np.int64] = np.abs(np.array(queries)[:, None] - np.array(database))
+    return distance <= 1
+
+
+def test_queries_of_some_places_look_in_the_whole_map(tiny_route: Path) -> None:
+    for place in set(range(12)) - {2, 5, 6, 9}:
+        (tiny_route / "winter" / f"{place}.png").unlink()
+    route = open_route(tiny_route)
+    chosen, pair = choose_pair(route, "winter", "summer", Selection())
+    matches, _ = true_matches(chosen, pair, Truth())
+    np.testing.assert_array_equal(matches, banded([2, 5, 6, 9], list(range(12))))
+    # The other way round only places that the map has are asked for; they are counted along the whole way.
+    chosen, pair = choose_pair(route, "summer", "winter", Selection())
+    assert pair.query.stems == pair.database.stems == ("2", "5", "6", "9")
+    matches, _ = true_matches(chosen, pair, Truth())
+    np.testing.assert_array_equal(matches, banded([2, 5, 6, 9], [2, 5, 6, 9]))
+    assert matches.sum() == 6
+    chosen, pair = choose_pair(route, "winter", "summer", Selection(slice(1, 3)))
+    matches, _ = true_matches(chosen, pair, Truth())
+    np.testing.assert_array_equal(matches, banded([5, 6], [5, 6, 7, 8]))
+
+
+def test_a_comparison_and_an_evaluation_agree_on_the_whole_map(tiny_route: Path, tmp_path: Path) -> None:
+    for place in set(range(12)) - {2, 5, 6, 9}:
+        (tiny_route / "winter" / f"{place}.png").unlink()
+    route = open_route(tiny_route)
+    study = open_study(select_tested(route, ["hog"], Selection(), ""), Truth(), Matching("centre"))
+    compared = compare_methods(study, Methods({"hog": open_describer("hog")}), tmp_path / "out")
+    assert compared.metrics()["places"] == 4
+    found = {(pair["query"], pair["database"]): pair["methods"]["hog"] for pair in compared.metrics()["pairs"]}
+    for names, database in ((("winter", "summer"), 12), (("summer", "winter"), 4)):
+        alone = evaluate_method(
+            route, "hog", query=names[0], database=names[1], selection=Selection(), truth=Truth(),
+            matching=Matching("centre"),
+        ).metrics()  # fmt: skip
+        assert (alone["queries"], alone["database"], alone["queries_with_match"]) == (4, database, 4)
+        for name in ("recall_at", "auc_pr", "average_precision", "queries", "database"):
+            assert found[names][name] == alone[name]
+    write_comparison(compared, tmp_path / "out", title="t", details={})
+    assert (tmp_path / "out" / "report.html").is_file()
 
 
 def test_a_filter_acts_on_each_traverse_alone_where_stems_do_not_count(tiny_route: Path) -> None:

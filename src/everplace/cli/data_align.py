@@ -82,7 +82,7 @@ def align(
         if not alignment.paths:
             alignment = judge(alignment, open_describer(method), progress)
         save_figure(alignment_figure(alignment), picture)
-    write_aligned(alignment, out, progress)
+    written = write_aligned(alignment, out, progress)
     result: dict[str, Any] = {
         "route": str(out),
         "places": alignment.places,
@@ -91,6 +91,6 @@ def align(
         "left_out": alignment.left_out,
         "unsure": {name: int(path.unsure.sum()) for name, path in alignment.paths.items()},
     }
-    for sentence in alignment.warnings:
+    for sentence in (*alignment.warnings, *written.notes):
         warn(sentence)
     show_result(result, as_json)

@@ -77,8 +77,5 @@ def fetch(
 
 
 def _next(data_set: DataSet, fetched: Fetched) -> str:
-    """The commands that turn what was fetched into a route."""
-    where = shlex.quote(str(fetched.directory))
-    zips = [shlex.quote(str(fetched.directory / file.name)) for file in fetched.files if file.name.endswith(".zip")]
-    commands = [f"python -m zipfile -e {file} {where}" for file in zips]
-    return " && ".join([*commands, f"everplace data import {data_set.kind} {where} --out my-route"])
+    """The command that turns what was fetched into a route."""
+    return f"everplace data import {data_set.kind} {shlex.quote(str(fetched.directory))} --out my-route"

@@ -57,10 +57,11 @@ def import_(
 
 
 def list_(as_json: Json = False) -> None:
-    """List the kinds of sources that can be imported, with their options.
+    """List the kinds of sources that can be imported, with their options, and the data sets that can be fetched.
 
     Example: everplace data list
     """
+    from everplace.data.catalogue import DATA_SETS
     from everplace.data.kinds import missing_extras, option_help, source_kinds
 
     kinds: dict[str, dict[str, Any]] = {
@@ -68,6 +69,11 @@ def list_(as_json: Json = False) -> None:
             "summary": kind.SUMMARY,
             "missing": [f"pip install 'everplace[{extra}]'" for extra in missing_extras(kind)],
             "options": option_help(kind.Options),
+            "data_sets": {
+                one.name: {"summary": one.summary, "licence": one.licence, "unavailable": one.unavailable}
+                for one in DATA_SETS
+                if one.kind == name
+            },
         }
         for name, kind in source_kinds().items()
     }
@@ -78,6 +84,11 @@ def list_(as_json: Json = False) -> None:
         print(f"{name}: {kind['summary']}")
         for option, text in kind["options"].items():
             print(f"    --set {option}=...  {text}")
+        for data_set, about in kind["data_sets"].items():
+            if about["unavailable"]:
+                print(f"    {data_set} cannot be fetched: {about['summary']}")
+            else:
+                print(f"    everplace data fetch {data_set}  {about['summary']}")
         if kind["missing"]:
             print(f"    part of it needs {', '.join(kind['missing'])}")
 

@@ -57,9 +57,9 @@ class DataSet:
         summary: One line: what it shows, and how much of it there is.
         licence: What its publishers allow.
         citation: What to cite.
+        kind: The kind of source as which `everplace data import` reads it.
         files: What to fetch.
         hub: A folder on the Hub whose files are fetched too.
-        kind: The kind of source as which `everplace data import` reads it; empty: none does.
         unavailable: Why it cannot be fetched and where to ask; empty: it can.
     """
 
@@ -67,9 +67,9 @@ class DataSet:
     summary: str
     licence: str
     citation: str
+    kind: str
     files: tuple[DataFile, ...] = ()
     hub: HubFolder | None = None
-    kind: str = ""
     unavailable: str = ""
 
 
@@ -119,6 +119,7 @@ DATA_SETS = (
         unavailable="NRK gives the films out on a page of its own, from where they are to be had by hand: "
         "https://nrkbeta.no/2013/01/15/nordlandsbanen-minute-by-minute-season-by-season/ "
         "(`everplace data import nordland` reads them)",
+        kind="nordland",
     ),
     DataSet(
         name="gardens-point",
@@ -137,6 +138,7 @@ DATA_SETS = (
         "Data Set for Autonomous and Assisted Driving, IEEE T-ITS 19(3), 934-948, 2018",
         unavailable="its sites (http://multispectral.kaist.ac.kr) do not answer any more; ask its authors, whose "
         "addresses are in the paper, for a copy (`everplace data import kaist` reads it)",
+        kind="kaist",
     ),
     DataSet(
         name="ms2",
@@ -145,6 +147,7 @@ DATA_SETS = (
         citation="U. Shin, J. Park, I. S. Kweon: Deep Depth Estimation from Thermal Image, CVPR, 2023",
         unavailable="its authors give it out by a form: "
         "https://sites.google.com/view/multi-spectral-stereo-dataset/download (`everplace data import ms2` reads it)",
+        kind="ms2",
     ),
 )
 """Everything that `everplace data fetch` knows of."""

@@ -8,10 +8,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from everplace.errors import RouteError
 from everplace.files import readable
 
-__all__ = ["TableRow", "read_columns", "read_table"]
+__all__ = ["TableRow", "read_columns", "read_frames", "read_table"]
 
 
 class TableRow(NamedTuple):
@@ -57,6 +60,42 @@ def read_table(path: Path, key: str, numbers: Sequence[str], remedy: str) -> Ite
         raise RouteError(f"cannot read {readable(path)}: {error.strerror or error}; {remedy}") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise RouteError(f"{readable(path)} is not a UTF-8 CSV file ({error}); export it again") from error
+
+
+def read_frames(
+    path: Path, stems: Sequence[str], numbers: Sequence[str], what: str, remedy: str
+) -> NDArray[np.float64]:
+    """Reads the numbers of some frames from a table whose column `stem` names the frames.
+
+    Args:
+        path: See `read_table`. Rows of other stems are ignored.
+        stems: The N frames.
+        numbers: The K columns of numbers.
+        what: What a row gives, for messages: "pose".
+        remedy: What to do if the file is missing.
+
+    Returns:
+        N×K float64, read-only, in the order of `stems`.
+
+    Raises:
+        RouteError: As for `read_table`, or the table names a stem twice, or lacks a frame.
+    """
+    wanted = frozenset(stems)
+    found: dict[str, tuple[float, ...]] = {}
+    for row in read_table(path, "stem", numbers, remedy):
+        if row.key in found:
+            raise row.wrong(f"names the stem {row.key!r} a second time; keep one {what} for each frame")
+        if row.key in wanted:
+            found[row.key] = row.numbers
+    missing = [stem for stem in stems if stem not in found]
+    if missing:
+        raise RouteError(
+            f"{readable(path)} has no {what} for {len(missing)} of {len(stems)} frames, the first is "
+            f"{missing[0]!r}; add a line for each frame, or move the frames without a {what} out of the route"
+        )
+    values = np.array([found[stem] for stem in stems], dtype=np.float64).reshape(-1, len(numbers))
+    values.flags.writeable = False
+    return values
 
 
 def read_columns(path: Path) -> list[str]:

@@ -327,7 +327,7 @@ def _png(pixels: np.ndarray[Any, np.dtype[np.uint8]]) -> bytes:
 
 def _route_toml(origin: str, route: ForeignRoute, conditions: Mapping[str, str]) -> str:
     """Writes what directories cannot say, and the notes as comments for whoever finds the route later."""
-    table: dict[str, Any] = {}
+    table: dict[str, Any] = {} if route.aligned else {"aligned": False}
     if route.tolerance is not None:
         table["tolerance"] = route.tolerance
     if route.radius is not None:

@@ -130,6 +130,7 @@ def inspect_route(route: Route, progress: Progress = quiet) -> Inspection:
     """
     looks = [_look_at_all(traverse, progress) for traverse in route.traverses]
     everything = natural_sorted(frozenset().union(*(traverse.stems for traverse in route.traverses)))
+    wanted = everything if route.stems_are_places else []
     places = route.shared_stems()
     rows = [_positions(traverse, places) for traverse in route.traverses]
     broken = np.logical_or.reduce([look.broken[row] for look, row in zip(looks, rows, strict=True)])
@@ -138,7 +139,7 @@ def inspect_route(route: Route, progress: Progress = quiet) -> Inspection:
     candidates = ~(broken | dark)
     return Inspection(
         traverses=tuple(
-            _summary(traverse, look, everything) for traverse, look in zip(route.traverses, looks, strict=True)
+            _summary(traverse, look, wanted) for traverse, look in zip(route.traverses, looks, strict=True)
         ),
         places=places,
         broken=broken,

@@ -83,7 +83,7 @@ def _columns(path: Path, header: list[str], reference: str, drives: Mapping[str,
         header = [reference, others[0]]
     missing = [name for name in drives if name not in header]
     if missing:
-        example = ",".join([reference, *others])
+        example = readable(",".join([reference, *others]))
         raise RouteError(
             f"{readable(path)} has no column for {missing[0]!r} in its first line; it must name the drives, like "
             f"{example}"

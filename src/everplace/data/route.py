@@ -46,6 +46,11 @@ class Route:
         return self.root.absolute().name
 
     @property
+    def title(self) -> str:
+        """The name, and the protocol that chose the frames where there is one: what results are headed by."""
+        return self.name if self.protocol is None else f"{self.name} ({self.protocol})"
+
+    @property
     def conditions(self) -> tuple[str, ...]:
         """The distinct conditions, in the order in which the traverses come."""
         return tuple(dict.fromkeys(traverse.condition for traverse in self.traverses))
@@ -76,7 +81,7 @@ class Route:
         named = [traverse for traverse in self.traverses if traverse.name == name]
         found = named or [traverse for traverse in self.traverses if traverse.condition == name]
         if len(found) > 1:
-            names = ", ".join(traverse.name for traverse in found)
+            names = ", ".join(readable(traverse.name) for traverse in found)
             raise RouteError(f"the condition {name!r} has several traverses ({names}); name one of them")
         if not found:
             raise self._unknown(name)
@@ -145,7 +150,7 @@ class Route:
             traverse.name if traverse.name == traverse.condition else f"{traverse.name} ({traverse.condition})"
             for traverse in self.traverses
         ]
-        return f"there are: {', '.join(names)}"
+        return f"there are: {', '.join(map(readable, names))}"
 
 
 def open_route(path: str | os.PathLike[str]) -> Route:

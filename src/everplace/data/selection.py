@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +17,21 @@ from numpy.typing import NDArray
 from everplace.data.images import ImageSpec
 from everplace.data.pack import pack
 from everplace.data.route import Route
+from everplace.data.traverse import Traverse
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.progress import Progress, quiet
 
-__all__ = ["FILTER_IMAGE", "Selection", "dark_places", "parse_frames", "select", "spread", "stationary_places"]
+__all__ = [
+    "FILTER_IMAGE",
+    "Selection",
+    "dark_places",
+    "parse_frames",
+    "select",
+    "select_maps",
+    "spread",
+    "stationary_places",
+]
 
 FILTER_IMAGE = ImageSpec(size=(32, 64), grey=True)
 """What the filters look at: 64×32 pixels (width × height), grey."""
@@ -94,6 +105,55 @@ def select(route: Route, selection: Selection, progress: Progress = quiet, *, on
     return replace(route, traverses=tuple(part.traverses[0] for part in alone))
 
 
+def select_maps(route: Route, selection: Selection, progress: Progress = quiet) -> Route:
+    """Restricts a route as `select` does, but where a traverse has all places of a shorter one and more, it keeps more.
+
+    Such a traverse is the map in which the shorter one looks for its places (Nordland's 2,760 queries against 27,592
+    frames). Shared places are chosen as ever. Of the others a map keeps those between the first chosen place and the
+    next one that is not, and before the first or behind the last of all; the filters judge them by the map alone. So
+    two slices that share no place share no frame.
+
+    Args:
+        route: The chosen traverses.
+        selection: Which places take part.
+        progress: Told of the decoding that a filter needs.
+
+    Returns:
+        The same traverses with fewer frames; `select` of the route, unless the stems of its traverses are nested.
+
+    Raises:
+        RouteError: Nothing is left.
+        ImageError: A filter needs a frame that cannot be decoded.
+        StorageError: The cache of packed images cannot be written to.
+    """
+    shared = route.shared_stems()
+    if not _are_nested(route):
+        return select(route, selection, progress)
+    left = _filtered(route.at(shared), selection, progress)
+    chosen = _sliced(route, left, selection)
+    after = left[np.searchsorted(left, chosen[-1], side="right") :]
+    # Where the first chosen place is the first of all, what a map has before it belongs to it.
+    begin = None if chosen[0] == left[0] else shared[chosen[0]]
+    end = shared[after[0]] if len(after) else None
+    common, places = frozenset(shared), frozenset(shared[index] for index in chosen)
+
+    def restricted(traverse: Traverse) -> Traverse:
+        if len(traverse) == len(shared):
+            return traverse.take(chosen)
+        alone = _filtered(replace(route, traverses=(traverse,)), selection, progress)
+        kept = frozenset(alone.tolist())
+        stretch = range(
+            0 if begin is None else traverse.stems.index(begin),
+            len(traverse) if end is None else traverse.stems.index(end),
+        )
+        stems = traverse.stems
+        return traverse.take(
+            [index for index in stretch if (stems[index] in places if stems[index] in common else index in kept)]
+        )
+
+    return replace(route, traverses=tuple(map(restricted, route.traverses)))
+
+
 def spread(total: int, count: int) -> list[int]:
     """At most `count` positions, evenly spread over `total`."""
     return [int(position) for position in np.unique(np.linspace(0, total - 1, min(count, total)).round())]
@@ -156,8 +216,23 @@ def _standardise(frames: NDArray[np.uint8]) -> NDArray[np.float64]:
     return standardised
 
 
+def _are_nested(route: Route) -> bool:
+    """Says whether each traverse, by length, has all stems of those before, and one has more than another."""
+    by_length = sorted(route.traverses, key=len)
+    if not route.stems_are_places or len(by_length[0]) == len(by_length[-1]):
+        return False
+    sets = [frozenset(traverse.stems) for traverse in by_length]
+    return all(fewer <= more for fewer, more in pairwise(sets))
+
+
 def _restrict(route: Route, selection: Selection, progress: Progress) -> Route:
     """Applies filters and slice to traverses that have the same stems."""
+    chosen = _sliced(route, _filtered(route, selection, progress), selection)
+    return replace(route, traverses=tuple(traverse.take(chosen) for traverse in route.traverses))
+
+
+def _filtered(route: Route, selection: Selection, progress: Progress) -> NDArray[np.int64]:
+    """Returns the positions that the filters leave of traverses that have the same stems."""
     total = len(route.traverses[0])
     kept = np.ones(total, dtype=np.bool_)
     if selection.drop_dark or selection.drop_stationary:
@@ -169,10 +244,15 @@ def _restrict(route: Route, selection: Selection, progress: Progress) -> Route:
     places = np.flatnonzero(kept)
     if not len(places):
         raise RouteError(f"all {total} places of {readable(route.root)} are dark; leave out --drop-dark")
+    return places
+
+
+def _sliced(route: Route, places: NDArray[np.int64], selection: Selection) -> NDArray[np.int64]:
+    """Applies the slice to positions that the filters leave."""
     chosen = places if selection.frames is None else places[selection.frames]
     if not len(chosen):
         raise RouteError(
             f"--frames begins at position {selection.frames.start if selection.frames else 0}, but "
             f"{readable(route.root)} has only {len(places)} places left; begin lower"
         )
-    return replace(route, traverses=tuple(traverse.take(chosen) for traverse in route.traverses))
+    return chosen

@@ -94,6 +94,17 @@ class TruthTable:
             truth[row[kept], column[kept]] = True
         return truth
 
+    def pairs(self) -> Iterator[TruthPair]:
+        """Yields every pair, traverse by traverse.
+
+        Raises:
+            RouteError: The file is malformed, or names a traverse or stem that does not exist.
+        """
+        for (query, database), pairs in self._pairs.items():
+            asking, answering = self._traverses[query].stems, self._traverses[database].stems
+            for first, second in pairs.tolist():
+                yield TruthPair(query, asking[first], database, answering[second])
+
     def _now_at(self, traverse: Traverse) -> NDArray[np.int64]:
         """Returns where each frame of the whole traverse is in the given part of it; -1: left out."""
         position = {stem: index for index, stem in enumerate(traverse.stems)}
@@ -149,7 +160,7 @@ class TruthTable:
             if traverse not in self._traverses:
                 return RouteError(
                     f"{where} names the traverse {traverse!r}, which the route does not have; there are: "
-                    f"{', '.join(self._traverses)}"
+                    f"{', '.join(map(readable, self._traverses))}"
                 )
             if stem not in self._traverses[traverse].stems:
                 return RouteError(
@@ -177,7 +188,9 @@ def write_truth(path: Path, pairs: Iterable[TruthPair]) -> int:
     return count
 
 
-def truth_by_position(query: Traverse, database: Traverse, tolerance: int) -> NDArray[np.bool_]:
+def truth_by_position(
+    query: Traverse, database: Traverse, tolerance: int, places: Iterable[str] = ()
+) -> NDArray[np.bool_]:
     """Tells the same places by stem, give or take some places.
 
     The distance of two frames counts places along the natural order of all stems that either traverse has,
@@ -187,6 +200,7 @@ def truth_by_position(query: Traverse, database: Traverse, tolerance: int) -> ND
         query: M frames.
         database: N frames.
         tolerance: Places by which a match may be off; 0: the same stem only.
+        places: Stems that count as places along the way too, though neither traverse has a frame of them here.
 
     Returns:
         M×N bool.
@@ -202,9 +216,9 @@ def truth_by_position(query: Traverse, database: Traverse, tolerance: int) -> ND
             f"the traverses {query.name!r} and {database.name!r} share no stem, so nobody knows which frames "
             "show the same place; name frames of the same place alike, or add poses and give a radius"
         )
+    place = {stem: rank for rank, stem in enumerate(natural_sorted({*query.stems, *database.stems, *places}))}
     # Further than all places is all of them; NumPy's integers end before Python's do.
-    tolerance = min(tolerance, len(query) + len(database))
-    place = {stem: rank for rank, stem in enumerate(natural_sorted({*query.stems, *database.stems}))}
+    tolerance = min(tolerance, len(place))
     columns = np.array([place[stem] for stem in database.stems])
     order = np.argsort(columns)
     rows = np.array([place[stem] for stem in query.stems])

@@ -7,7 +7,7 @@ file's name nor a playlist in it leads anywhere.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from av.video.frame import VideoFrame
     from av.video.stream import VideoStream
 
-__all__ = ["VIDEO_ENDINGS", "DecodedFrame", "check_video", "read_video"]
+__all__ = ["ANEW", "VIDEO_ENDINGS", "DecodedFrame", "check_video", "last_frame_begins", "read_video"]
 
 VIDEO_ENDINGS = frozenset(
     {".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts", ".ts", ".webm", ".wmv"}
@@ -31,14 +31,15 @@ VIDEO_ENDINGS = frozenset(
 """Endings (lower case) by which a file in a directory counts as a video."""
 
 _BUFFER = 1 << 20
+_NO_VIDEO = "is no video that can be read"
 
 # A file that ends this much before the end it announces was cut off. Announced ends are no more exact than that.
 _SLACK_SECONDS = 1.0
 _SLACK_FRAMES = 2.0
 
 
-_ANEW = "copy or export it again"
-_KEEP = f"{_ANEW}, or take the frames before that with --set damaged=keep"
+ANEW = "copy or export it again"
+"""What helps where a file is damaged."""
 
 
 class DecodedFrame(NamedTuple):
@@ -63,42 +64,72 @@ def check_video(path: Path) -> int | None:
         RouteError: It is missing, empty or no video.
         MissingExtraError: PyAV is not installed.
     """
-    with _naming_errors(path, "is no video that can be read"), _opened(path) as (_, stream):
+    with _naming_errors(path, _NO_VIDEO), _opened(path) as (_, stream):
         return stream.frames or None
 
 
-def read_video(path: Path) -> Iterator[DecodedFrame]:
+def last_frame_begins(path: Path) -> float:
+    """Says when the last frame of a video begins, in seconds from the first one on, by its own account.
+
+    Nothing is decoded. A file that announces no length is read through for the times in it.
+
+    Raises:
+        RouteError: It is missing, empty or no video, or has no times.
+        MissingExtraError: PyAV is not installed.
+    """
+    with _naming_errors(path, _NO_VIDEO), _opened(path) as (container, stream):
+        length = _announced_seconds(container, stream)
+        if length is not None:
+            # The last frame is shown for as long as the others.
+            return length - (1 / float(stream.average_rate) if stream.average_rate else 0.0)
+        times = [packet.pts for packet in container.demux(stream) if packet.pts is not None]
+        if times and stream.time_base is not None:
+            return float((max(times) - min(times)) * stream.time_base)
+    raise RouteError(f"{readable(path)} does not say when its frames are shown; {ANEW}")
+
+
+def read_video(
+    path: Path, wanted: Callable[[float | None], bool] = lambda _: True, broken: str = ANEW
+) -> Iterator[DecodedFrame]:
     """Decodes a video from its beginning to its end.
+
+    Args:
+        path: The file.
+        wanted: Asked with the seconds of each frame whether it is yielded; the others cost no conversion to RGB.
+        broken: What to do, in the error, where the video breaks off.
 
     Raises:
         RouteError: The file cannot be read, or breaks off: a frame is damaged, or it ends before the end that it
-            announces. The frames before that have been yielded.
+            announces. The wanted frames before that have been yielded.
         MissingExtraError: PyAV is not installed.
     """
     done, last = 0, None
-    with _naming_errors(path, "is no video that can be read"):
+    with _naming_errors(path, _NO_VIDEO):
         opened = contextlib.ExitStack()
         container, stream = opened.enter_context(_opened(path))
     first: int | None = None
     with opened:
         frames = container.decode(stream)
         while True:
-            damage = (f"is damaged {_after(done, last)}", _KEEP) if done else ("holds no frame that can be decoded",)
+            damage = (f"is damaged {_after(done, last)}", broken) if done else ("holds no frame that can be decoded",)
             with _naming_errors(path, *damage):
                 frame = next(frames, None)
                 if frame is None:
                     break
-                pixels = _upright(frame)
-            seconds = None
-            if frame.pts is not None and frame.time_base is not None:
-                first = frame.pts if first is None else first
-                last = seconds = float((frame.pts - first) * frame.time_base)
-            yield DecodedFrame(pixels, seconds)
+                if frame.is_corrupt:
+                    raise ValueError("a frame is marked as corrupt")
+                seconds = None
+                if frame.pts is not None and frame.time_base is not None:
+                    first = frame.pts if first is None else first
+                    last = seconds = float((frame.pts - first) * frame.time_base)
+                pixels = _upright(frame) if wanted(seconds) else None
+            if pixels is not None:
+                yield DecodedFrame(pixels, seconds)
             done += 1
         if not done:
-            raise RouteError(f"{readable(path)} holds no frame that can be decoded; {_ANEW}")
+            raise RouteError(f"{readable(path)} holds no frame that can be decoded; {ANEW}")
         if _is_cut_off(container, stream, done, last):
-            raise RouteError(f"{readable(path)} breaks off {_after(done, last)}; {_KEEP}")
+            raise RouteError(f"{readable(path)} breaks off {_after(done, last)}; {broken}")
 
 
 @contextlib.contextmanager
@@ -134,8 +165,6 @@ def _open_file(path: Path) -> BinaryIO:
 
 def _upright(frame: VideoFrame) -> NDArray[np.uint8]:
     """Converts to RGB and turns; the file's rotation is counter-clockwise, in degrees."""
-    if frame.is_corrupt:
-        raise ValueError("a frame is marked as corrupt")
     pixels = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
     quarters = round(frame.rotation / 90) % 4
     return np.ascontiguousarray(np.rot90(pixels, quarters)) if quarters else pixels
@@ -171,7 +200,7 @@ def _after(done: int, last: float | None) -> str:
 
 
 @contextlib.contextmanager
-def _naming_errors(path: Path, problem: str, remedy: str = _ANEW) -> Iterator[None]:
+def _naming_errors(path: Path, problem: str, remedy: str = ANEW) -> Iterator[None]:
     """Turns whatever FFmpeg's libraries raise into one sentence."""
     try:
         yield

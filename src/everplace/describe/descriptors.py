@@ -11,7 +11,8 @@ import importlib.metadata
 import json
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast, get_args
 
@@ -71,6 +72,26 @@ class Descriptors:
         """D, the number of values of one descriptor."""
         return int(self.values.shape[1])
 
+    def of(self, names: Sequence[str]) -> Descriptors:
+        """The descriptors of the frames with these names, in the order given.
+
+        Raises:
+            DescriptorsError: A name is not among them, or occurs twice.
+        """
+        if tuple(names) == self.names:
+            return self
+        position = {name: index for index, name in enumerate(self.names)}
+        for name in names:
+            if name not in position:
+                raise DescriptorsError(f"there is no descriptor of the frame {readable(name)!r}; describe it too")
+        rows = [position[name] for name in names]
+        return replace(
+            self,
+            values=self.values[rows],
+            names=tuple(names),
+            variance=None if self.variance is None else self.variance[rows],
+        )
+
     def _checked(self, array: NDArray[Any], what: str) -> NDArray[np.float32]:
         array = np.asarray(array)
         if array.dtype.kind != "f":
@@ -127,8 +148,8 @@ class Descriptors:
         """Writes hloc's layout: a group for every name (`/` nests) that holds `global_descriptor`, D float32.
 
         Raises:
-            DescriptorsError: A name cannot be an HDF5 group: it is not UTF-8, has an empty part, or is the
-                directory of another.
+            DescriptorsError: A name cannot be an HDF5 group: it is not UTF-8, holds a line break, has an empty part,
+                or is the directory of another.
             StorageError: The place cannot be written to.
         """
         with _in_memory() as file:

@@ -16,7 +16,10 @@ from everplace.data.alignment import Assignment, align_all_by_pairs, align_all_b
 from everplace.data.importing import ImportSummary, write_route
 from everplace.data.pairs import read_pairs
 from everplace.data.route import Route, Traverse
+from everplace.data.sources.folder import TIMES_CSV
 from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignTraverse
+from everplace.data.times import read_times
+from everplace.data.truth import TruthPair, TruthTable
 from everplace.describe.descriptors import Descriptors
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.protocol import Describer
@@ -151,7 +154,8 @@ def align_by_images(
     def align(name: str, places: NDArray[np.int64]) -> Assignment:
         other = described(name)
         seen[name] = thin(other)
-        return find_path(_some(whole, places), other) if len(places) else (places, places)
+        some = [whole.names[place] for place in places.tolist()]
+        return find_path(whole.of(some), other) if some else (places, places)
 
     frames = align_drives(_counts(route), chosen, align)
     how = f"the images' {describer.method} descriptors"
@@ -185,7 +189,10 @@ def alignment_figure(alignment: Alignment) -> Figure:
 
 
 def write_aligned(alignment: Alignment, out: Path, progress: Progress = quiet) -> ImportSummary:
-    """Writes an aligned route: links to the images under the reference's stems, poses, conditions, and a table.
+    """Writes an aligned route: links to the images under the reference's stems, what is known of them, and a table.
+
+    Poses, times, conditions, tolerance, radius and protocol come along. So does a file of pairs, under the new stems;
+    a note says how many pairs are left out because a frame of theirs is.
 
     Args:
         alignment: What to write.
@@ -194,6 +201,7 @@ def write_aligned(alignment: Alignment, out: Path, progress: Progress = quiet) -
 
     Raises:
         ConfigError: `out` exists and is not an empty directory.
+        RouteError: Times or a file of pairs are wrong, or no pair of the file is left.
         StorageError: The route cannot be written; nothing is left behind.
     """
     route = alignment.route
@@ -204,7 +212,11 @@ def write_aligned(alignment: Alignment, out: Path, progress: Progress = quiet) -
             chosen = traverse.take(alignment.frames[traverse.name])
             yield ForeignTraverse(traverse.name, _frames(chosen, stems), traverse.condition, len(chosen))
 
-    foreign = ForeignRoute(traverses(), route.tolerance, route.radius, protocol=route.protocol or "")
+    pairs, notes = (None, ()) if route.truth is None else _renamed_pairs(alignment, route.truth, stems)
+    foreign = ForeignRoute(
+        traverses(), route.tolerance, route.radius,
+        truth=None if pairs is None else iter(pairs), notes=notes, protocol=route.protocol or "",
+    )  # fmt: skip
     origin = f"Aligned with {alignment.reference} by {alignment.how}; see {ALIGNMENT_CSV}."
     return write_route(
         foreign, route.root, out, origin, files={ALIGNMENT_CSV: _table(alignment, stems)}, progress=progress
@@ -212,9 +224,37 @@ def write_aligned(alignment: Alignment, out: Path, progress: Progress = quiet) -
 
 
 def _frames(traverse: Traverse, stems: tuple[str, ...]) -> Iterator[ForeignFrame]:
-    for stem, frame in zip(stems, traverse, strict=True):
+    path = traverse.root / TIMES_CSV
+    times = read_times(path, traverse.stems).tolist() if path.exists() else [None] * len(traverse)
+    for stem, frame, seconds in zip(stems, traverse, times, strict=True):
         # A link to a link would break with the route in between.
-        yield ForeignFrame(stem, frame.path.resolve(), frame.pose)
+        yield ForeignFrame(stem, frame.path.resolve(), frame.pose, seconds)
+
+
+def _renamed_pairs(
+    alignment: Alignment, truth: TruthTable, stems: tuple[str, ...]
+) -> tuple[list[TruthPair], tuple[str, ...]]:
+    """Returns the pairs of which both frames are left, under their new stems, and a note on the others."""
+    places = {
+        traverse.name: dict(zip(traverse.take(alignment.frames[traverse.name]).stems, stems, strict=True))
+        for traverse in alignment.route.traverses
+    }
+    pairs: list[TruthPair] = []
+    lost = 0
+    for pair in truth.pairs():
+        query = places.get(pair.query_traverse, {}).get(pair.query)
+        database = places.get(pair.database_traverse, {}).get(pair.database)
+        if query is None or database is None:
+            lost += 1
+        else:
+            pairs.append(pair._replace(query=query, database=database))
+    if not pairs:
+        raise RouteError(
+            f"no pair of {readable(truth.path)} is left between the aligned frames; take `truth` out of route.toml if "
+            "the aligned stems are to tell the places"
+        )
+    note = f"{lost} of {lost + len(pairs)} pairs of {truth.path.name} were left out: a frame of theirs has no partner."
+    return pairs, (note,) if lost else ()
 
 
 def _table(alignment: Alignment, stems: tuple[str, ...]) -> str:
@@ -235,11 +275,6 @@ def _judged(alignment: Alignment, seen: Mapping[str, Thinned]) -> Alignment:
         if name != reference
     }
     return replace(alignment, paths=paths)
-
-
-def _some(descriptors: Descriptors, places: NDArray[np.int64]) -> Descriptors:
-    names = tuple(descriptors.names[place] for place in places.tolist())
-    return Descriptors(descriptors.values[places], names, descriptors.method, descriptors.metric, descriptors.settings)
 
 
 def _counts(route: Route) -> dict[str, int]:

@@ -23,7 +23,7 @@ from everplace.experiments.comparison_parts import MethodResult, PairResult, Par
 from everplace.experiments.evaluation import audit_pair
 from everplace.experiments.fitting import Methods
 from everplace.experiments.manifest import MANIFEST, Study, require_same_study
-from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, retrieve, true_matches
+from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, pair_of, retrieve, true_matches
 from everplace.files import write_text
 from everplace.match.standardise import standardisable
 from everplace.progress import Progress, quiet
@@ -76,6 +76,11 @@ class Comparison:
         return self.study.route
 
     @property
+    def places(self) -> int:
+        """Frames of the shortest traverse: where stems tell the places, those that all traverses have."""
+        return min(map(len, self.route.traverses))
+
+    @property
     def truth(self) -> Truth:
         """When a match is right."""
         return self.study.truth
@@ -107,7 +112,8 @@ class Comparison:
         """The content of metrics.json."""
         return {
             "route": self.route.name,
-            "places": len(self.route.traverses[0]),
+            "protocol": self.route.protocol,
+            "places": self.places,
             "tolerance": self.truth.tolerance,
             "radius": self.truth.radius,
             "truth": self.truth.pairs,
@@ -212,7 +218,7 @@ def _run(study: Study, describer: Describer, source: str | None, part: Part, pro
     }
     pairs: dict[tuple[str, str], PairResult] = {}
     for query, database in permutations(route.traverses, 2):
-        pair = Pair(query, database)
+        pair = pair_of(route, query.name, database.name)
         matches, _ = true_matches(route, pair, study.truth)
         one = retrieve(describer, pair, matches, study.matching, described=described, ms_per_image=ms_per_image)
         pairs[query.name, database.name] = PairResult(one.scores, one.curve, one.new_place)

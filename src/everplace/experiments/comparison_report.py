@@ -14,7 +14,7 @@ from everplace.experiments.comparison_parts import PairResult
 from everplace.experiments.latent_report import audit_section, latent_section
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.pictures import match_figure, matrix_figure
-from everplace.experiments.retrieval import Pair
+from everplace.experiments.retrieval import pair_of
 from everplace.files import write_text
 from everplace.plots.canvas import new_figure, save_figure
 from everplace.plots.curves import draw_precision_recall_panels
@@ -40,7 +40,7 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
         StorageError: Writing failed.
     """
     route = comparison.route
-    subtitle = f"{route.name}: {len(route.traverses[0])} places, {comparison.truth}, match {comparison.matching}"
+    subtitle = f"{route.title}: {comparison.places} places, {comparison.truth}, match {comparison.matching}"
     report = Report(title, subtitle=subtitle, details=details)
     panels = {
         pair: {label: one.curve for label, one in results.items()} for pair, results in comparison.results.items()
@@ -91,7 +91,7 @@ def _pair_section(
     report: Report, comparison: Comparison, names: tuple[str, str], results: dict[str, PairResult]
 ) -> None:
     query, database = names
-    pair = Pair(comparison.route[query], comparison.route[database])
+    pair = pair_of(comparison.route, query, database)
     section = report.section(f"{query} against {database}")
     areas = {label: one.scores.auc_pr for label, one in results.items()}
     section.chart(
@@ -125,7 +125,7 @@ def _shown(comparison: Comparison, areas: Mapping[str, float]) -> list[str]:
 
 
 def _markdown(comparison: Comparison) -> str:
-    lines = [f"{comparison.route.name}, {comparison.truth}, match {comparison.matching}", ""]
+    lines = [f"{comparison.route.title}, {comparison.truth}, match {comparison.matching}", ""]
     if len(comparison.results) > 2:
         lines += ["**Mean over all ordered pairs**", "", *_markdown_table(*comparison.table()), ""]
     for query, database in comparison.results:

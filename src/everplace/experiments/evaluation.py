@@ -66,6 +66,7 @@ class Evaluation:
             "method": self.result.method,
             "query_condition": self.pair.query.name,
             "database_condition": self.pair.database.name,
+            "protocol": self.route.protocol,
             **scores,
             "tolerance": self.truth.tolerance,
             "radius": self.truth.radius,
@@ -147,7 +148,7 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
     save_figure(gallery, out / "matches.png")
     title = f"{result.method}: {pair.query.name} against {pair.database.name}"
     report = Report(
-        title, subtitle=f"{evaluation.route.name}, {evaluation.truth}, {evaluation.matching}", details=details
+        title, subtitle=f"{evaluation.route.title}, {evaluation.truth}, {evaluation.matching}", details=details
     )
     section = report.section("Scores")
     if evaluation.trained_places:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from everplace.data.route import Route
-from everplace.data.selection import Selection, parse_frames, select
+from everplace.data.selection import Selection, parse_frames, select, select_maps
 from everplace.describe.protocol import Describer
 from everplace.describe.registry import method_names, open_describer
 from everplace.errors import ConfigError, MethodError
@@ -55,8 +55,11 @@ def select_tested(
     if fit_frames:
         parse_frames(fit_frames)
     fitted = [method for method in methods if method in FITTED_METHODS]
-    # Training takes the shared places, and only the same numbering tells them apart from the tested ones.
-    tested = select(route, selection, progress, only_shared=route.matched_by_stem or bool(fitted))
+    if route.matched_by_stem:
+        tested = select_maps(route, selection, progress)
+    else:
+        # Training takes the shared places, and only the same numbering tells them apart from the tested ones.
+        tested = select(route, selection, progress, only_shared=bool(fitted))
     if fitted:
         _require_apart(select(route, replace(selection, frames=None), progress), selection.frames, fit_frames, fitted)
     return tested

@@ -22,7 +22,7 @@ import numpy as np
 from everplace.data.fingerprint import traverse_fingerprint
 from everplace.data.route import Route
 from everplace.errors import ConfigError, RouteError
-from everplace.experiments.retrieval import Matching, Pair, Truth, true_matches
+from everplace.experiments.retrieval import Matching, Truth, pair_of, true_matches
 from everplace.files import readable
 from everplace.progress import Progress, quiet
 
@@ -101,7 +101,7 @@ def open_study(
     if len(route.traverses) < 2:
         raise RouteError(f"a comparison needs two traverses, but {route.name} has one; add another or choose both")
     digest = hashlib.sha256()
-    pairs = [Pair(query, database) for query, database in permutations(route.traverses, 2)]
+    pairs = [pair_of(route, query.name, database.name) for query, database in permutations(route.traverses, 2)]
     resolved = truth
     for pair in pairs:
         matches, resolved = true_matches(route, pair, truth)
@@ -109,6 +109,7 @@ def open_study(
     document = {  # in this order a directory that holds another study names what differs
         "format": _FORMAT,
         "route": route.name,
+        "protocol": route.protocol,
         "split": dict(split or {}),
         "truth": {
             "tolerance": resolved.tolerance,

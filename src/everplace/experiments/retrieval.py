@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.data.route import Route
-from everplace.data.selection import Selection, select
+from everplace.data.selection import Selection, select, select_maps
 from everplace.data.traverse import Traverse
 from everplace.data.truth import truth_by_pose, truth_by_position
 from everplace.describe.descriptors import Descriptors
@@ -23,7 +23,7 @@ from everplace.match.similarity import similarity
 from everplace.match.standardise import Standardisation
 from everplace.progress import Progress, quiet
 
-__all__ = ["Matching", "Pair", "Retrieval", "Truth", "choose_pair", "retrieve", "true_matches"]
+__all__ = ["Matching", "Pair", "Retrieval", "Truth", "choose_pair", "pair_of", "retrieve", "true_matches"]
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,8 @@ def choose_pair(
     """Restricts a route to two conditions and to the places that take part.
 
     Where the route tells the same places by poses or by a file of pairs, a frame needs no partner of the same
-    stem to take part.
+    stem to take part. Where stems tell them and one traverse has all places of the other and more, it keeps the others
+    too (see `select_maps`): the pair's database is the whole map, and only the places of both ask.
 
     Returns:
         The route of these two traverses (one, if both are the same), and the pair.
@@ -124,12 +125,35 @@ def choose_pair(
     """
     names = [route[query].name, route[database].name]
     both = route.only(list(dict.fromkeys(names)))
-    chosen = select(both, selection, progress, only_shared=route.matched_by_stem)
-    return chosen, Pair(chosen[names[0]], chosen[names[1]])
+    if route.matched_by_stem:
+        chosen = select_maps(both, selection, progress)
+    else:
+        chosen = select(both, selection, progress, only_shared=False)
+    return chosen, pair_of(chosen, *names)
+
+
+def pair_of(route: Route, query: str, database: str) -> Pair:
+    """The ordered pair of two traverses of a selected route: the query's frames that ask, and the whole database.
+
+    Where stems tell the places, only a frame asks whose place the database has.
+
+    Args:
+        route: A route as `choose_pair` and `select_tested` give it.
+        query: Name of a traverse.
+        database: Name of a traverse; it may be the same.
+    """
+    asking, map_ = route[query], route[database]
+    if route.matched_by_stem and route.stems_are_places and len(asking) > len(map_):
+        known = frozenset(map_.stems)
+        asked = [index for index, stem in enumerate(asking.stems) if stem in known]
+        asking = asking.take(asked) if asked else asking
+    return Pair(asking, map_)
 
 
 def true_matches(route: Route, pair: Pair, truth: Truth) -> tuple[NDArray[np.bool_], Truth]:
     """The truth of a pair; what `truth` leaves open comes from route.toml, else ±1 frame.
+
+    Frames are counted along all frames of the two traverses of the route, also those that do not ask.
 
     Raises:
         ConfigError: Both a tolerance and a radius are given.
@@ -151,7 +175,8 @@ def true_matches(route: Route, pair: Pair, truth: Truth) -> tuple[NDArray[np.boo
             f"the traverses {pair.query.name!r} and {pair.database.name!r} {route.why_not_aligned}, so nobody knows "
             "which frames show the same place; add poses and give --radius, or rename the frames and take the line out"
         )
-    return truth_by_position(pair.query, pair.database, truth.tolerance), truth
+    places = route[pair.query.name].stems
+    return truth_by_position(pair.query, pair.database, truth.tolerance, places), truth
 
 
 def retrieve(
@@ -171,7 +196,8 @@ def retrieve(
         pair: The traverses.
         truth: M×N.
         matching: Options of the match.
-        described: Descriptors by traverse name that were made before; new ones are added.
+        described: Descriptors by traverse name that were made before, of at least the pair's frames; new ones are
+            added.
         ms_per_image: What was measured before; None: measure.
         progress: Told of the describing.
     """
@@ -179,7 +205,8 @@ def retrieve(
     for traverse in (pair.query, pair.database):
         if traverse.name not in described:
             described[traverse.name] = describe_traverse(describer, traverse, progress=progress)
-    query, database = described[pair.query.name], described[pair.database.name]
+    query = described[pair.query.name].of(pair.query.stems)
+    database = described[pair.database.name].of(pair.database.stems)
     S = similarity(*compared(query, database, matching.standardise))
     if matching.sequence > 1:
         S = search_sequences(S, matching.sequence, matching.sequence_method)

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
+from tests.fuzzing import fuzzed
 
 from everplace.data.importing import import_route
 from everplace.data.ros_bag import open_bag
@@ -285,7 +286,7 @@ def originals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     }
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@fuzzed(40)
 @given(
     which=st.sampled_from(["fuzz.bag", "fuzz.mcap", "fuzz.db3", "fuzz/metadata.yaml"]),
     changes=st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), max_size=4),

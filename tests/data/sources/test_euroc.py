@@ -6,9 +6,10 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tests.fuzzing import fuzzed
 
 from everplace.data.sources import euroc
 from everplace.errors import RouteError
@@ -94,7 +95,7 @@ def test_without_the_cameras_mounting(data_set: Any) -> None:
 
 
 @given(st.text(st.sampled_from("0123456789.-e, \n"), max_size=60), st.text(st.sampled_from("T_BS:data[]0123,. \n")))
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@fuzzed(60)
 def test_any_text_is_a_sequence_or_one_error(data_set: Any, rows: str, sensor: str) -> None:
     write(data_set, frames=1)
     truth = data_set.root / "MH_01/mav0/state_groundtruth_estimate0/data.csv"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ import pytest
 from everplace.data.importing import import_route
 from everplace.data.route import open_route
 from everplace.data.sources import gardens_point
+from everplace.data.sources.protocol import Encoded
 from everplace.errors import RouteError
 
 
@@ -22,6 +25,30 @@ def test_the_original_form(data_set: Any) -> None:
     assert [traverse.name for traverse in route.traverses] == ["day_left", "day_right", "night_right"]
     assert route.conditions == ("day_left", "day_right", "night_right")
     assert route.shared_stems() == ("000", "001", "010", "199")
+
+
+def test_the_archive_is_read_as_it_is_and_what_is_unpacked_counts_first(data_set: Any, tmp_path: Path) -> None:
+    expected = {one: data_set.images(one, ["Image000.jpg", "Image010.jpg"]) for one in ("day_left", "night_right")}
+    (tmp_path / "fetched").mkdir()
+    with zipfile.ZipFile(tmp_path / "fetched" / "GardensPoint_Walking.zip", "w") as archive:
+        for path in sorted(data_set.root.rglob("*.jpg"), reverse=True):
+            archive.write(path, f"GardensPoint_Walking/{path.relative_to(data_set.root)}")
+        archive.writestr("__MACOSX/GardensPoint_Walking/day_left/._Image000.jpg", b"x")
+    for source in (tmp_path / "fetched", tmp_path / "fetched" / "GardensPoint_Walking.zip"):
+        read = {one.name: list(one.frames) for one in gardens_point.read(source, gardens_point.Options()).traverses}
+        assert list(read) == ["day_left", "night_right"]
+        for name, frames in read.items():
+            assert {frame.stem: frame.content.data for frame in frames if isinstance(frame.content, Encoded)} == dict(
+                zip(("000", "010"), expected[name], strict=True)
+            )
+    shutil.copytree(data_set.root, tmp_path / "fetched" / "unpacked")
+    route = gardens_point.read(tmp_path / "fetched", gardens_point.Options())
+    frames = [frame for one in route.traverses for frame in one.frames]
+    assert [isinstance(frame.content, Path) for frame in frames] == [True] * 4
+    data = (tmp_path / "fetched" / "GardensPoint_Walking.zip").read_bytes()
+    (tmp_path / "cut.zip").write_bytes(data[: len(data) // 2])
+    with pytest.raises(RouteError, match=r"cut\.zip is"):
+        gardens_point.read(tmp_path / "cut.zip", gardens_point.Options())
 
 
 def test_other_capitals_separators_and_numbers(data_set: Any) -> None:

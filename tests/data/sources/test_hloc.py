@@ -7,8 +7,9 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.fuzzing import fuzzed
 
 from everplace.data.selection import Selection
 from everplace.data.sources import hloc
@@ -100,7 +101,7 @@ def test_an_image_that_is_not_there(data_set: Any) -> None:
 
 
 @given(st.binary(max_size=80))
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@fuzzed(80)
 def test_any_bytes_are_pairs_or_one_error(data_set: Any, content: bytes) -> None:
     (data_set.root / "pairs.txt").write_bytes(content)
     try:

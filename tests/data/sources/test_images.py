@@ -42,6 +42,25 @@ def test_stems_of_their_own_or_of_the_files(tmp_path: Path, drives: Path) -> Non
     assert open_route(tmp_path / "file")["jan"].stems == ("IMG_8", "IMG_10", "IMG_100")
 
 
+def test_drives_that_are_not_aligned_stay_so(tmp_path: Path, drives: Path) -> None:
+    summary = import_route("images", drives, tmp_path / "out", {"aligned": "false"})
+    assert summary.notes == ()
+    route = open_route(tmp_path / "out")
+    assert not route.stems_are_places
+    assert route.shared_stems() == ()
+    import_route("images", tmp_path / "out", tmp_path / "again", {"stems": "file"})
+    again = open_route(tmp_path / "again")
+    assert not again.stems_are_places
+    assert again["jul"].stems == route["jul"].stems == again["jan"].stems
+    import_route("images", tmp_path / "out", tmp_path / "known", {"stems": "file", "aligned": "true"})
+    assert len(open_route(tmp_path / "known").shared_stems()) == 5
+    import_route("images", tmp_path / "out", tmp_path / "anew")
+    assert open_route(tmp_path / "anew").stems_are_places
+    (tmp_path / "again" / "route.toml").write_text("aligned = 3\n")
+    with pytest.raises(ConfigError, match="wrong value of 'aligned'"):
+        import_route("images", tmp_path / "again", tmp_path / "wrong", {"stems": "file"})
+
+
 def test_times_and_poses_by_time(tmp_path: Path, drives: Path) -> None:
     (drives / "jan" / "times.csv").write_text(
         "stem,seconds\n" + "".join(f"IMG_{n},{t}\n" for t, n in enumerate((8, 9, 10, 11, 100)))
@@ -88,7 +107,7 @@ def test_what_cannot_be(tmp_path: Path, drives: Path) -> None:
     with pytest.raises(ConfigError, match="--set size=0x3 cannot be: it is not WIDTHxHEIGHT"):
         import_route("images", drives, out, {"size": "0x3"})
     (drives / "jan" / "times.csv").write_text("stem,seconds\nIMG_8,0\n")
-    with pytest.raises(RouteError, match=r"times.csv has no time for the frame 'IMG_9'; add a row"):
+    with pytest.raises(RouteError, match=r"times.csv has no time for 4 of 5 frames, the first is 'IMG_9'; add a line"):
         import_route("images", drives, out)
     shutil.rmtree(drives / "jan")
     shutil.rmtree(drives / "jul")

@@ -6,14 +6,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
+from tests.fuzzing import fuzzed
 
 from everplace.data.images import ImageSpec, decode_image
 from everplace.data.importing import import_route
 from everplace.data.kinds import source_kinds
 from everplace.data.route import Route, open_route
+from everplace.data.sources._kaist_conditions import read_conditions
 from everplace.data.sources._kaist_sequences import visible_channels
 from everplace.errors import ConfigError, ImageError, RouteError
 
@@ -290,3 +294,21 @@ def test_the_preset_of_the_paper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         imported(source, tmp_path / "route", sequences="set20,set21,set22,set23,set24", **options)
     with pytest.raises(RouteError, match="needs 80 places, but the sequences of .* share 50"):
         imported(source, tmp_path / "route", conditions=conditions, **{**options, "every": "2"})
+
+
+@fuzzed(60)
+@given(
+    text=st.binary(max_size=40)
+    | st.text(st.sampled_from('sequence,condition=set0/V"[].\n\r# '), max_size=40).map(str.encode),
+    ending=st.sampled_from([".csv", ".toml"]),
+    header=st.booleans(),
+)
+def test_any_text_is_a_table_of_conditions_or_one_error(tmp_path: Path, text: bytes, ending: str, header: bool) -> None:
+    path = tmp_path / f"conditions{ending}"
+    path.write_bytes(b"sequence,condition\n" * (header and ending == ".csv") + text)
+    try:
+        table = read_conditions((str(path),))
+        assert all(key and condition for key, condition in table.items() if ending == ".csv")
+    except ConfigError as error:
+        assert path.name in str(error)
+        assert len(str(error).splitlines()) == 1

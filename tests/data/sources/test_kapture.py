@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tests.fuzzing import fuzzed
 
 from everplace.data.sources import kapture
 from everplace.errors import RouteError
@@ -140,7 +141,7 @@ def test_rigs_that_carry_one_another_in_a_circle(data_set: Any) -> None:
     st.text(st.sampled_from("01, cam.jpg-e#\n"), max_size=60),
     st.sampled_from(["records_camera", "trajectories", "rigs"]),
 )
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@fuzzed(80)
 def test_any_text_is_a_sequence_or_one_error(data_set: Any, text: str, file: str) -> None:
     pose = "0, cam0, 1, 0, 0, 0, 0, 0, 0"
     write(data_set, ".", ["0, cam0, a.jpg"], [pose], [pose.replace("0, cam0", "r, cam0")])

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tests.fuzzing import fuzzed
 
 from everplace.data.sources import kitti
 from everplace.errors import RouteError
@@ -84,7 +85,7 @@ def test_images_that_have_no_number(data_set: Any) -> None:
 
 
 @given(st.text(st.sampled_from("0123456789.-e \n"), max_size=80))
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@fuzzed(60)
 def test_any_text_is_poses_or_one_error(data_set: Any, text: str) -> None:
     path = data_set.text("fuzzed.txt", [line(1, 2, 3), text])
     try:

@@ -5,12 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
+from tests.fuzzing import fuzzed
 
 from everplace.data.geodesy import local_plane
 from everplace.data.importing import import_route
 from everplace.data.route import Route, open_route
-from everplace.errors import ConfigError, RouteError
+from everplace.data.sources import ms2
+from everplace.errors import ConfigError, EverplaceError, RouteError
 
 HERE = (36.3661, 127.3656)
 DAY, NIGHT, RAIN = "_2021-08-13-15-46-56", "_2021-08-13-21-18-04", "_2021-08-06-16-19-00"
@@ -126,3 +130,27 @@ def test_times_may_have_any_unit(tmp_path: Path, unit: float) -> None:
     imported(tmp_path, tmp_path / "route")
     lines = (tmp_path / "route" / DAY.lstrip("_") / "times.csv").read_text().splitlines()
     assert [line.partition(",")[2] for line in lines[1:]] == ["1628230000.0", "1628230002.0"]
+
+
+@fuzzed(60)
+@given(
+    text=st.binary(max_size=30) | st.text(st.sampled_from("0123456789.-e \n"), max_size=30).map(str.encode),
+    times=st.booleans(),
+)
+def test_any_text_is_a_sequence_or_one_error(tmp_path: Path, text: bytes, times: bool) -> None:
+    base = tmp_path / "ms2" / "sync_data" / DAY
+    if not base.exists():
+        write_drive(tmp_path / "ms2", DAY, 1)
+    file = base / ("rgb/img_left_timestamp.txt" if times else "gps_imu/data/000000.txt")
+    before = file.read_bytes()
+    file.write_bytes(text)
+    try:
+        ((frame,),) = (traverse.frames for traverse in ms2.read(tmp_path / "ms2", ms2.Options()).traverses)
+        assert frame.pose is not None
+        assert frame.seconds is not None
+        assert np.isfinite([*frame.pose, frame.seconds]).all()
+    except EverplaceError as error:
+        assert file.name in str(error)
+        assert len(str(error).splitlines()) == 1
+    finally:
+        file.write_bytes(before)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.fuzzing import fuzzed
 
 from everplace.data.sources import openseqslam2
 from everplace.errors import RouteError
@@ -77,7 +78,7 @@ def test_a_wrong_truth_is_named(data_set: Any, lines: list[str], message: str) -
 
 
 @given(st.text(st.sampled_from("0123456789,.-e# \n"), max_size=40))
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@fuzzed(80)
 def test_any_numbers_give_positions_or_one_error(data_set: Any, text: str) -> None:
     path = data_set.text("fuzzed.csv", [text])
     try:

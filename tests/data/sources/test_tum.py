@@ -6,9 +6,10 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tests.fuzzing import fuzzed
 
 from everplace.data.sources import tum
 from everplace.errors import RouteError
@@ -98,7 +99,7 @@ def test_what_is_not_there(data_set: Any) -> None:
 
 
 @given(st.text(st.sampled_from("0123456789.-e \n#/r"), max_size=60), st.booleans())
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@fuzzed(80)
 def test_any_text_is_a_sequence_or_one_error(data_set: Any, text: str, truth: bool) -> None:
     data_set.text("rgb.txt", ["1.0 rgb/1.png", "" if truth else text])
     data_set.text("groundtruth.txt", ["1.0 0 0 0 0 0 0 1", text if truth else ""])

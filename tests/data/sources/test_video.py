@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from tests.fuzzing import fuzzed
 
 from everplace.data.importing import import_route
 from everplace.data.route import open_route
@@ -195,7 +196,7 @@ def originals(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
     return [(directory / name).read_bytes() for name in ("a.mkv", "b.mp4", "c.avi")]
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@fuzzed(40)
 @given(
     which=st.integers(0, 2),
     changes=st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), max_size=4),

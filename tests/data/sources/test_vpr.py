@@ -6,8 +6,9 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.fuzzing import fuzzed
 
 from everplace.data.sources import vpr
 from everplace.errors import RouteError
@@ -105,7 +106,7 @@ def test_two_files_of_one_stem_and_what_is_missing(data_set: Any) -> None:
 
 
 @given(fields=st.lists(st.text(st.characters(codec="utf-8", exclude_characters="/@\0"), max_size=6), max_size=17))
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@fuzzed(100)
 def test_any_name_gives_a_pose_or_one_error(data_set: Any, fields: list[str]) -> None:
     name = "@".join(fields) + ".jpg"
     try:

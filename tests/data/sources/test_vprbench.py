@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.fuzzing import fuzzed
 
 from everplace.data.selection import Selection
 from everplace.data.sources import vprbench
@@ -94,7 +95,7 @@ def test_missing_parts(data_set: Any) -> None:
 
 
 @given(position=st.integers(0, 600), piece=st.binary(min_size=1, max_size=4), kept=st.integers(1, 2000))
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@fuzzed(60)
 def test_a_fuzzed_truth_gives_pairs_or_one_error(data_set: Any, position: int, piece: bytes, kept: int) -> None:
     path = data_set.root / "fuzzed.npy"
     table = np.empty((3, 2), dtype=object)

@@ -74,7 +74,7 @@ def _toml_rows(text: str) -> dict[str, str]:
     table = tomllib.loads(text)
     for key, value in table.items():
         if not isinstance(value, str) or not value:
-            raise ValueError(f"{key} must be a text, like {key} = 'day'")
+            raise ValueError(f"{key!r} must be a text, like {key!r} = 'day'")
     return table
 
 

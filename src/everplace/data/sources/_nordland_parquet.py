@@ -135,8 +135,8 @@ def _columns(path: Path, file: Any) -> _Columns:
     number = [name for name in _NUMBERS if name in names]
     if not image or "season" not in names or not number:
         raise RouteError(
-            f"{readable(path)} has the columns {', '.join(names)}; it must have an image, a season and a "
-            f"{' or '.join(_NUMBERS)}"
+            f"{readable(path)} has the columns {', '.join(map(readable, names))}; it must have an image, a season and "
+            f"a {' or '.join(_NUMBERS)}"
         )
     labels = _class_names(schema.metadata or {})
     return _Columns(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from everplace.data.natural_order import natural_sorted
 from everplace.errors import RouteError
 
-__all__ = ["PRESETS", "Preset", "choose_frames"]
+__all__ = ["PRESETS", "Preset", "choose_frames", "paper_protocol"]
 
 _FULL, _EVERY, _OLID_TEST, _PAPER_TRAIN, _PAPER_TEST = 27_592, 10, 3_450, 1_600, 6_400
 
@@ -61,6 +61,32 @@ PRESETS: Mapping[str, Preset] = {
     ),
 }
 """The presets by the name that the user gives."""
+
+
+def paper_protocol(stems: Mapping[str, Sequence[str]], listed: bool, unfiltered: bool) -> str:
+    """Makes sure that the frames of preset `paper` come without tunnels and stops, and names the protocol.
+
+    Args:
+        stems: The frames of each season that the source and the list leave.
+        listed: Whether a list of frames was used.
+        unfiltered: Whether the user wants tunnels and stops to take part.
+
+    Raises:
+        RouteError: Nothing says which frames are tunnels and stops.
+    """
+    protocol = PRESETS["paper"].protocol
+    if unfiltered:
+        return f"{protocol}, tunnels and stops not left out"
+    for season, names in stems.items():
+        if len(names) == _FULL:
+            continue
+        if not listed:
+            raise RouteError(
+                f"preset paper needs the list of the {_FULL} frames without tunnels and stops, but there is none and "
+                f"{season} has {len(names)}; name it with --set list=FILE, or take all with --set unfiltered=true"
+            )
+        return f"{protocol}, by a list of {len(names)} frames"
+    return protocol
 
 
 def choose_frames(preset: str, stems: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:

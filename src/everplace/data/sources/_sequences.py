@@ -125,7 +125,7 @@ def sequences_route(
             raise RouteError(f"{readable(sequence.listing)} names no image; get the sequence again")
         lost = sum(frame.pose is None for frame in sequence.frames)
         if not sequence.has_poses:
-            said.append(f"The sequence {sequence.name} has no poses.")
+            said.append(f"The sequence {readable(sequence.name)} has no poses.")
         elif lost == len(sequence.frames):
             raise RouteError(
                 f"of the {lost} images that {readable(sequence.listing)} names there is none with a pose: {why}; check "
@@ -133,7 +133,7 @@ def sequences_route(
             )
         elif lost:
             said.append(
-                f"{lost} of {len(sequence.frames)} frames of {sequence.name} have {why} and were left out; "
+                f"{lost} of {len(sequence.frames)} frames of {readable(sequence.name)} have {why} and were left out; "
                 "--set poses=false keeps them, and leaves out all poses."
             )
     posed = all(sequence.has_poses for sequence in sequences)

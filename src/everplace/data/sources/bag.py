@@ -139,7 +139,7 @@ def _choose(bag: Bag, path: Path, what: str, option: str, wanted: str, types: tu
         ConfigError: There are several, or not the wanted one.
     """
     topics = [topic for topic in bag.topics(types) if topic.count]
-    offer = ", ".join(f"{topic.name} ({', '.join(sorted(topic.types))})" for topic in topics)
+    offer = ", ".join(readable(f"{topic.name} ({', '.join(sorted(topic.types))})") for topic in topics)
     if not topics:
         raise RouteError(f"{readable(path)} holds no {what} topic with messages ({', '.join(types)}); check the bag")
     chosen = [topic for topic in topics if topic.name == wanted] if wanted else topics
@@ -149,8 +149,8 @@ def _choose(bag: Bag, path: Path, what: str, option: str, wanted: str, types: tu
         raise ConfigError(f"{readable(path)} holds several {what} topics; choose one with --set {option}: {offer}")
     if len(chosen[0].types) > 1:
         raise RouteError(
-            f"the topic {chosen[0].name} of {readable(path)} mixes {', '.join(sorted(chosen[0].types))}; record them "
-            "apart"
+            f"the topic {readable(chosen[0].name)} of {readable(path)} mixes "
+            f"{readable(', '.join(sorted(chosen[0].types)))}; record them apart"
         )
     return chosen[0]
 

@@ -53,7 +53,7 @@ def read_traverses(root: Path, settings: RouteToml) -> tuple[Traverse, ...]:
     if unknown:
         raise RouteError(
             f"{readable(root / ROUTE_TOML)} speaks of the traverse {unknown[0]!r}, but there is no such "
-            f"directory; there are: {', '.join(names) or 'none'}"
+            f"directory; there are: {', '.join(map(readable, names)) or 'none'}"
         )
     if not names:
         raise _no_traverses(root)
@@ -156,7 +156,7 @@ def _endings(directory: Path, names: list[str]) -> dict[str, str]:
         if not dot:
             stem, ending = name, ""
         if stem in endings:
-            first, second = sorted((stem + endings[stem], name))
+            first, second = map(readable, sorted((stem + endings[stem], name)))
             raise RouteError(
                 f"{readable(directory)} holds {first} and {second}, two frames of the same stem; keep one of "
                 f"them, or give a `pattern` in {ROUTE_TOML}"

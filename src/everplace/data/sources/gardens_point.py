@@ -8,13 +8,14 @@ what stands between the words, and in the images' names, whose number is what co
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
-from everplace.data.image_tree import image_names
+from everplace.data.image_stores import FolderStore, ImageStore, open_stores
+from everplace.data.natural_order import natural_sorted
 from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.errors import RouteError
 from everplace.files import readable
@@ -24,6 +25,7 @@ __all__ = ["SUMMARY", "Options", "read"]
 SUMMARY = "Gardens Point Walking: day_left, day_right and night_right with one numbered image a place"
 
 _TRAVERSES = ("day_left", "day_right", "night_right")
+_DEEPEST = 3  # a copy may lie in a directory of the archive, and that in another
 _NUMBER = re.compile(r"[^0-9]*([0-9]{1,9})[^0-9]*")
 
 
@@ -39,18 +41,39 @@ class Options(SourceOptions):
     condition: Literal["name", "light"] = "name"
 
 
-def read(source: Path, options: Options) -> ForeignRoute:
-    """Opens a copy of the data set, or a directory above one.
+class _Walk(NamedTuple):
+    """One traverse as it lies there.
 
-    The stem of a frame is the number in its file's name, with three digits or more.
+    Attributes:
+        store: What holds it.
+        directory: Its directory in the store.
+        names: The names of its images in the store.
+    """
+
+    store: ImageStore
+    directory: str
+    names: list[str]
+
+
+def read(source: Path, options: Options) -> ForeignRoute:
+    """Opens a copy of the data set, or a directory above one, unpacked or as an archive.
+
+    The stem of a frame is the number in its file's name, with three digits or more. What is unpacked counts before an
+    archive beside it.
 
     Raises:
-        RouteError: None of the three directories is there, one is there twice, or a file's name holds no number
-            or two.
+        RouteError: None of the three directories is there, one is there twice, a file's name holds no number or two, or
+            an archive is damaged.
     """
-    found = _find(source)
+    stores = open_stores(source)
+    unpacked = [store for store in stores if isinstance(store, FolderStore)]
+    found = _find(unpacked) or _find([store for store in stores if store not in unpacked])
+    if not found:
+        raise RouteError(
+            f"{readable(source)} holds none of {', '.join(_TRAVERSES)}; give the directory or archive that does"
+        )
     absent = [name for name in _TRAVERSES if name not in found]
-    listed = {name: _by_number(directory) for name, directory in found.items()}
+    listed = {name: _by_number(found[name]) for name in _TRAVERSES if name in found}
     shared = set.intersection(*(set(frames) for frames in listed.values()))
     notes = ["Licence unknown: no licence came with the data set, so take it for research use only."]
     if absent:
@@ -63,7 +86,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         traverses=(
             ForeignTraverse(
                 name,
-                _frames(found[name], frames),
+                _frames(found[name].store, frames),
                 condition=name.partition("_")[0] if options.condition == "light" else "",
                 count=len(frames),
             )
@@ -74,46 +97,59 @@ def read(source: Path, options: Options) -> ForeignRoute:
     )
 
 
-def _find(source: Path) -> dict[str, Path]:
-    """Returns the directories by the traverses' names; looks in the source and one level below."""
-    if not source.is_dir():
-        problem = "is not a directory" if source.exists() else "does not exist"
-        raise RouteError(f"{readable(source)} {problem}; give the directory that holds day_left")
-    below = sorted(path for path in source.iterdir() if path.is_dir() and not path.name.startswith("."))
-    deeper = sorted(path for parent in below for path in parent.iterdir() if path.is_dir())
-    found: dict[str, Path] = {}
-    for directory in [*below, *deeper]:
-        name = re.sub(r"[\s._-]+", "", directory.name).lower()
-        for traverse in _TRAVERSES:
-            if name == traverse.replace("_", ""):
-                if traverse in found:
-                    raise RouteError(
-                        f"{readable(found[traverse])} and {readable(directory)} are both {traverse}; give one copy"
-                    )
-                found[traverse] = directory
-    if not found:
-        raise RouteError(f"{readable(source)} holds none of {', '.join(_TRAVERSES)}; give the directory that does")
-    return {name: found[name] for name in _TRAVERSES if name in found}
+def _find(stores: Sequence[ImageStore]) -> dict[str, _Walk]:
+    """Returns what is there of each traverse."""
+    found: dict[str, _Walk] = {}
+    for store in stores:
+        for name in store.names:
+            directory = _directory(name)
+            if directory is None:
+                continue
+            traverse = _traverse(directory.rpartition("/")[2])
+            walk = found.setdefault(traverse, _Walk(store, directory, []))
+            if (walk.store, walk.directory) != (store, directory):
+                raise RouteError(
+                    f"{readable(walk.store.path / walk.directory)} and {readable(store.path / directory)} are both "
+                    f"{traverse}; give one copy"
+                )
+            walk.names.append(name)
+    return found
 
 
-def _by_number(directory: Path) -> dict[str, str]:
+def _directory(name: str) -> str | None:
+    """Returns the outermost directory of an image's path that is called like a traverse."""
+    parts = name.split("/")[:-1]
+    depth = next((depth for depth, part in enumerate(parts[:_DEEPEST], start=1) if _traverse(part)), None)
+    return None if depth is None else "/".join(parts[:depth])
+
+
+def _traverse(directory: str) -> str:
+    """Returns the traverse that a directory is called like, or nothing."""
+    plain = re.sub(r"[\s._-]+", "", directory).lower()
+    return next((traverse for traverse in _TRAVERSES if plain == traverse.replace("_", "")), "")
+
+
+def _by_number(walk: _Walk) -> dict[str, str]:
+    """Returns the names of images in the store by their stems, in order."""
     found: dict[str, str] = {}
-    for name in image_names(directory):
-        match = _NUMBER.fullmatch(name.rpartition(".")[0])
+    for name in walk.names:
+        match = _NUMBER.fullmatch(name[len(walk.directory) + 1 :].rpartition(".")[0])
         if match is None:
             raise RouteError(
-                f"the name of {readable(directory / name)} does not hold one number, so its place is unknown; "
+                f"the name of {readable(walk.store.path / name)} does not hold one number, so its place is unknown; "
                 "rename it or move it away"
             )
         stem = f"{int(match[1]):03d}"
         if stem in found:
             raise RouteError(
-                f"{readable(directory)} holds {found[stem]} and {name}, both of place {stem}; keep one of them"
+                f"{readable(walk.store.path)} holds {readable(found[stem])} and {readable(name)}, both of place "
+                f"{stem}; keep one of them"
             )
         found[stem] = name
-    return found
+    return {stem: found[stem] for stem in natural_sorted(found)}
 
 
-def _frames(directory: Path, names: dict[str, str]) -> Iterator[ForeignFrame]:
-    for stem, name in names.items():
-        yield ForeignFrame(stem, directory / name)
+def _frames(store: ImageStore, names: dict[str, str]) -> Iterator[ForeignFrame]:
+    stems = {name: stem for stem, name in names.items()}
+    for name, content in store.read(stems):
+        yield ForeignFrame(stems[name], content)

@@ -6,19 +6,21 @@ stem, seconds) and `poses.csv` (columns x, y in metres, heading in radians, and 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.data.csv_table import read_columns, read_table
+from everplace.data.csv_table import read_columns
 from everplace.data.images import IMAGE_ENDINGS
 from everplace.data.poses import read_poses
+from everplace.data.route_toml import read_route_toml
 from everplace.data.sources.folder import POSES_CSV, TIMES_CSV, open_traverse
 from everplace.data.sources.pose_track import PoseTrack, read_pose_track, with_poses
 from everplace.data.sources.protocol import ForeignFrame, ForeignRoute
 from everplace.data.sources.recording import Drive, RecordingOptions, list_directories, list_directory, recorded_route
+from everplace.data.times import read_times
 from everplace.data.traverse import Pose, Traverse
 from everplace.errors import RouteError
 from everplace.files import readable
@@ -35,7 +37,7 @@ def read(source: Path, options: RecordingOptions) -> ForeignRoute:
 
     Raises:
         RouteError: There is no image, two images share a stem, or times or poses are wrong or missing for some.
-        ConfigError: There are not as many conditions as directories.
+        ConfigError: There are not as many conditions as directories, or a route.toml that is there is wrong.
     """
     if not source.is_dir():
         raise RouteError(f"{readable(source)} is not a directory; give a directory of images")
@@ -47,7 +49,10 @@ def read(source: Path, options: RecordingOptions) -> ForeignRoute:
     if not holding:
         raise RouteError(f"{readable(source)} holds no image, nor do its directories; give a directory of images")
     others = [directory for directory in directories if directory not in holding]
-    return recorded_route(source, [_open(directory, options) for directory in holding], options, _left_out(others))
+    # Numbers that the import gives are others than those of which a route.toml speaks.
+    aligned = options.stems != "file" or read_route_toml(source).aligned
+    drives = [_open(directory, options) for directory in holding]
+    return recorded_route(source, drives, options, _left_out(others), aligned=aligned)
 
 
 def _left_out(directories: Sequence[Path]) -> tuple[str, ...]:
@@ -71,25 +76,15 @@ def _open(directory: Path, options: RecordingOptions) -> Drive:
     return Drive(traverse.name, frames, count)
 
 
-def _times(traverse: Traverse) -> Mapping[str, float] | None:
+def _times(traverse: Traverse) -> NDArray[np.float64] | None:
     """Returns the time of each frame, if there is a table of them."""
     path = traverse.root / TIMES_CSV
-    if not path.exists():
-        return None
-    times: dict[str, float] = {}
-    for row in read_table(path, "stem", ("seconds",), "check the file"):
-        if row.key in times:
-            raise row.wrong(f"names the stem {row.key!r} a second time; keep one time for each frame")
-        times[row.key] = row.numbers[0]
-    missing = next((stem for stem in traverse.stems if stem not in times), None)
-    if missing is not None:
-        raise RouteError(f"{readable(path)} has no time for the frame {missing!r}; add a row for each frame")
-    return times
+    return read_times(path, traverse.stems) if path.exists() else None
 
 
 def _frames(
-    traverse: Traverse, times: Mapping[str, float] | None, poses: NDArray[np.float64] | None
+    traverse: Traverse, times: NDArray[np.float64] | None, poses: NDArray[np.float64] | None
 ) -> Iterator[ForeignFrame]:
     for number, (stem, path) in enumerate(zip(traverse.stems, traverse.paths, strict=True)):
         pose = None if poses is None else Pose(*poses[number].tolist())
-        yield ForeignFrame(stem, path, pose, None if times is None else times[stem])
+        yield ForeignFrame(stem, path, pose, None if times is None else float(times[number]))

@@ -126,14 +126,13 @@ def _read_records(sensors: Path, camera: str) -> dict[str, tuple[int, str]]:
     if not records:
         raise RouteError(f"{readable(path)} names no image; get the data set again")
     used = sorted({device for _, device in records.values()})
+    offer = ", ".join(map(readable, used)) or "none"
     if not camera and len(used) > 1:
         raise RouteError(
-            f"{readable(path)} holds images of the cameras {', '.join(used)}; choose one with --set camera=ID, or all"
+            f"{readable(path)} holds images of the cameras {offer}; choose one with --set camera=ID, or all"
         )
     if camera and camera != "all" and camera not in used:
-        raise RouteError(
-            f"{readable(path)} holds no image of the camera {camera!r}, only of {', '.join(used) or 'none'}"
-        )
+        raise RouteError(f"{readable(path)} holds no image of the camera {camera!r}, only of {offer}")
     return {name: record for name, record in records.items() if camera in {"", "all", record[1]}}
 
 

@@ -61,7 +61,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     names = [path.absolute().name for path in found]
     for name in options.sequences:
         if name not in names:
-            raise RouteError(f"{readable(root)} has no sequence {name!r}; there are: {', '.join(names)}")
+            raise RouteError(f"{readable(root)} has no sequence {name!r}; there are: {', '.join(map(readable, names))}")
     chosen = [path for path, name in zip(found, names, strict=True) if name in (options.sequences or names)]
     sequences = [_read_sequence(path, options) for path in chosen]
     return sequences_route(sequences, options.radius, "no line in the file of poses")

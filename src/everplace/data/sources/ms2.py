@@ -83,13 +83,14 @@ def read(source: Path, options: Options) -> ForeignRoute:
         )
     for name in options.sequences:
         if name not in known:
-            raise ConfigError(f"sequences={name!r} is not there; there are: {', '.join(known)}")
+            raise ConfigError(f"sequences={name!r} is not there; there are: {', '.join(map(readable, known))}")
     table = read_conditions(options.conditions)
     drives = [_open(root / name, options) for name in known if not options.sequences or name in options.sequences]
     fixes = [drive.positions[0] for drive in drives if drive.positions is not None]
     origin = (float(fixes[0][0]), float(fixes[0][1])) if fixes else (0.0, 0.0)
     notes = [_LICENCE]
-    notes += [f"{drive.name} has no gps_imu/data: it gets no poses." for drive in drives if drive.positions is None]
+    bare = [readable(drive.name) for drive in drives if drive.positions is None]
+    notes += [f"{name} has no gps_imu/data: it gets no poses." for name in bare]
     return ForeignRoute(_traverses(drives, origin, table), notes=tuple(notes))
 
 

@@ -15,12 +15,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Literal, Protocol
 
 from pydantic import BeforeValidator
 
 from everplace.data.image_stores import ImageStore, files_below, open_stores
-from everplace.data.images import ImageSpec, decode_encoded, decode_image, resize_image
 from everplace.data.natural_order import natural_sorted
 from everplace.data.sources._nordland_names import (
     SEASONS,
@@ -30,8 +29,10 @@ from everplace.data.sources._nordland_names import (
     read_list,
     season_frame,
 )
-from everplace.data.sources._nordland_presets import PRESETS, choose_frames
-from everplace.data.sources.protocol import Encoded, ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.data.sources._nordland_presets import PRESETS, choose_frames, paper_protocol
+from everplace.data.sources.content import parse_size, resized
+from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.data.video_frames import VIDEO_ENDINGS
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 
@@ -49,16 +50,6 @@ _LICENCE = (
 )
 
 
-def _pixels(value: Any) -> Any:
-    """Reads `64x32` (width × height) as (H, W)."""
-    if not isinstance(value, str):
-        return value
-    width, _, height = value.lower().replace("×", "x").partition("x")
-    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 8192 and 0 < int(height) <= 8192):
-        raise ValueError("it is not WIDTHxHEIGHT in pixels, like 64x32")
-    return int(height), int(width)
-
-
 class Options(SourceOptions):
     """Options of the kind.
 
@@ -67,6 +58,7 @@ class Options(SourceOptions):
         seasons: Which seasons to take, such as summer,winter; by default all.
         preset: A published protocol: 27592, 2760, olid or paper; sets frames and tolerance.
         list: Files that list the frames to take, by file name; several where each season has its own.
+        unfiltered: Let tunnels and stops take part in preset paper, for want of a list that leaves them out.
         split: The part of the Olid partition: train, test or both.
         size: Resize while reading, such as 64x32 (width × height); by default as stored.
         database: The season of `database/` in the `@`-naming.
@@ -77,8 +69,9 @@ class Options(SourceOptions):
     seasons: tuple[Literal["spring", "summer", "fall", "winter"], ...] = ()
     preset: Literal["", "27592", "2760", "olid", "paper"] = ""
     list: tuple[Path, ...] = ()
+    unfiltered: bool = False
     split: Literal["both", "train", "test"] = "both"
-    size: Annotated[tuple[int, int] | None, BeforeValidator(_pixels)] = None
+    size: Annotated[tuple[int, int] | None, BeforeValidator(parse_size)] = None
     database: Literal["spring", "summer", "fall", "winter"] = "summer"
     queries: Literal["spring", "summer", "fall", "winter"] = "winter"
 
@@ -111,6 +104,8 @@ def read(source: Path, options: Options) -> ForeignRoute:
     """
     if options.preset == "olid" and options.split == "train":
         raise ConfigError("preset olid is about the test split; leave out --set split=train")
+    if options.unfiltered and (options.preset != "paper" or options.list):
+        raise ConfigError("unfiltered=true is for preset paper without a list; leave it out")
     copy = _open(source, options)
     preset = PRESETS.get(options.preset)
     stems = {season: copy.stems[season] for season in _seasons(options) if season in copy.stems}
@@ -120,21 +115,27 @@ def read(source: Path, options: Options) -> ForeignRoute:
             f"{readable(source)} holds {', '.join(copy.stems)}, but not {min(absent or _seasons(options))}; "
             "choose others with --set seasons"
         )
-    lists = options.list or (_find_list(source) if preset is not None and preset.wants_list else ())
+    wants_list = preset is not None and preset.wants_list and not options.unfiltered
+    lists = options.list or (_find_list(source) if wants_list else ())
     stems = _listed(stems, lists, source)
+    protocol = "" if preset is None else preset.protocol
+    if options.preset == "paper":
+        protocol = paper_protocol(stems, bool(lists), options.unfiltered)
     if options.preset:
         stems = choose_frames(options.preset, stems)
     notes = [*copy.notes, _LICENCE]
+    if options.unfiltered:
+        notes.insert(0, "No list was used: tunnels and stops take part.")
     if lists and not options.list:
         notes.insert(0, f"The list {readable(lists[0])} was used.")
     return ForeignRoute(
         traverses=(
-            ForeignTraverse(season, _resized(copy.read(season, names), options.size, source), count=len(names))
+            ForeignTraverse(season, resized(copy.read(season, names), options.size), count=len(names))
             for season, names in stems.items()
         ),
         tolerance=copy.tolerance if preset is None else preset.tolerance,
         notes=tuple(notes) if preset is None else (preset.note, *notes),
-        protocol="" if preset is None else preset.protocol,
+        protocol=protocol,
     )
 
 
@@ -147,11 +148,11 @@ def _seasons(options: Options) -> tuple[str, ...]:
 def _open(source: Path, options: Options) -> Copy:
     """Opens the copy in the form that was chosen or lies there."""
     from everplace.data.sources._nordland_parquet import ParquetCopy
-    from everplace.data.sources._nordland_video import VIDEO_ENDINGS, VideoCopy
+    from everplace.data.sources._nordland_video import VideoCopy
 
     copies: list[tuple[str, tuple[str, ...], Callable[[Path, Sequence[Path], str], Copy]]] = [
         ("parquet", (".parquet",), ParquetCopy),
-        ("video", VIDEO_ENDINGS, VideoCopy),
+        ("video", tuple(sorted(VIDEO_ENDINGS)), VideoCopy),
     ]
     for form, endings, open_copy in copies:
         if options.form not in ("", form):
@@ -276,20 +277,3 @@ def _listed(stems: dict[str, list[str]], lists: Sequence[Path], source: Path) ->
                 f"the first is {natural_sorted(missing)[0]!a}; take the list that belongs to this copy"
             )
     return {season: natural_sorted(names) for season, names in wanted.items()}
-
-
-def _resized(frames: Iterator[ForeignFrame], size: tuple[int, int] | None, source: Path) -> Iterator[ForeignFrame]:
-    """Decodes and resizes frames on their way, if a size is wanted."""
-    if size is None:
-        yield from frames
-        return
-    spec = ImageSpec(size)
-    for frame in frames:
-        content = frame.content
-        if isinstance(content, Path):
-            pixels = decode_image(content, spec)
-        elif isinstance(content, Encoded):
-            pixels = decode_encoded(f"the frame {frame.stem} of {readable(source)}", content.data, spec)
-        else:
-            pixels = resize_image(content, size)
-        yield frame._replace(content=pixels)

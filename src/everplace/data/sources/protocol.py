@@ -78,6 +78,7 @@ class ForeignRoute:
             traverses, and every frame it names is in them; not beside `tolerance` or `radius`.
         notes: Sentences that the user should read: what was left out and why, licence, protocol.
         protocol: The published protocol that chose the frames and the tolerance; empty: none.
+        aligned: Whether equal stems in two traverses are the same place.
     """
 
     traverses: Iterator[ForeignTraverse]
@@ -86,6 +87,7 @@ class ForeignRoute:
     truth: Iterator[TruthPair] | None = None
     notes: tuple[str, ...] = ()
     protocol: str = ""
+    aligned: bool = True
 
 
 class SourceOptions(BaseModel):

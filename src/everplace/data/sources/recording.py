@@ -38,6 +38,8 @@ class RecordingOptions(SourceOptions):
         stems: shared numbers the frames of each drive from 000000 on, so that the i-th frames of all drives are the
             same place; own puts the drive's name before the number, for drives that are not in step; file keeps the
             names, or the numbers, that they have in the recording.
+        aligned: Whether equal stems in two drives are the same place; true or false. By default they are, unless images
+            of a route are read under their own names whose route.toml denies it.
         pose_limit: Seconds up to which a pose may be away from the frame it is for; between two that are near
             enough it is interpolated.
         without_pose: What to do where a recording has poses but none near a frame: refuse, or drop the frame.
@@ -50,6 +52,7 @@ class RecordingOptions(SourceOptions):
     size: Annotated[tuple[int, int] | None, BeforeValidator(parse_size)] = None
     conditions: tuple[Annotated[str, Field(min_length=1)], ...] = ()
     stems: Literal["shared", "own", "file"] = "shared"
+    aligned: bool | None = None
     pose_limit: _Positive = 0.5
     without_pose: Literal["refuse", "drop"] = "refuse"
 
@@ -79,7 +82,7 @@ class Drive:
 
 
 def recorded_route(
-    source: Path, drives: Sequence[Drive], options: RecordingOptions, notes: Sequence[str] = ()
+    source: Path, drives: Sequence[Drive], options: RecordingOptions, notes: Sequence[str] = (), *, aligned: bool = True
 ) -> ForeignRoute:
     """Makes a route of recordings: samples, resizes and names their frames.
 
@@ -88,6 +91,7 @@ def recorded_route(
         drives: At least one, in natural order of their names.
         options: What the user wants.
         notes: Sentences for the user.
+        aligned: Whether equal stems are the same place, where the options do not say it.
 
     Raises:
         ConfigError: There are not as many conditions as drives.
@@ -95,10 +99,11 @@ def recorded_route(
     if options.conditions and len(options.conditions) != len(drives):
         raise ConfigError(
             f"--set conditions names {len(options.conditions)} conditions, but {readable(source)} holds {len(drives)} "
-            f"drives: {', '.join(drive.name for drive in drives)}; name one for each, in this order"
+            f"drives: {', '.join(readable(drive.name) for drive in drives)}; name one for each, in this order"
         )
     conditions = options.conditions or tuple("" for _ in drives)
-    if options.stems == "shared" and len(drives) > 1 and not all(drive.named for drive in drives):
+    aligned = aligned if options.aligned is None else options.aligned
+    if aligned and options.stems == "shared" and len(drives) > 1 and not all(drive.named for drive in drives):
         notes = (
             *notes,
             "The frames of each drive are numbered from 000000 on, and the same number counts as the same place; for "
@@ -110,6 +115,7 @@ def recorded_route(
             for drive, condition in zip(drives, conditions, strict=True)
         ),
         notes=tuple(notes),
+        aligned=aligned,
     )
 
 

@@ -20,7 +20,7 @@ from everplace.data.csv_table import read_columns
 from everplace.data.sources.pose_track import named_by_poses, read_named_poses, read_pose_track, with_poses
 from everplace.data.sources.protocol import ForeignFrame, ForeignRoute
 from everplace.data.sources.recording import Drive, RecordingOptions, list_directory, recorded_route
-from everplace.data.video_frames import VIDEO_ENDINGS, check_video, read_video
+from everplace.data.video_frames import ANEW, VIDEO_ENDINGS, check_video, read_video
 from everplace.errors import RouteError
 from everplace.files import readable
 
@@ -30,6 +30,9 @@ SUMMARY = "a video file, or a directory of video files, one for each drive"
 
 EXTRAS = {"av": "video"}
 """Which extra brings the package that reads it."""
+
+
+_BROKEN = f"{ANEW}, or take the frames before that with --set damaged=keep"
 
 
 class Options(RecordingOptions):
@@ -86,7 +89,7 @@ def _open(path: Path, options: Options, notes: list[str]) -> Drive:
 
 def _frames(path: Path, count: int | None) -> Iterator[ForeignFrame]:
     """Yields the frames of a video, or the first `count` of them, called by their numbers."""
-    for number, frame in enumerate(islice(read_video(path), count)):
+    for number, frame in enumerate(islice(read_video(path, broken=_BROKEN), count)):
         yield ForeignFrame(f"{number:06d}", frame.pixels, seconds=frame.seconds)
 
 
