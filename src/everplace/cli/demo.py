@@ -35,5 +35,5 @@ def demo(
         show_result(metrics, as_json=True)
         return
     for label, area in metrics["mean_auc_pr"].items():
-        print(f"{label:<8} auc_pr {area:.3f}")
+        print(f"{label:<11} auc_pr {area:.3f}")
     print(f"report: {out / 'report.html'}")

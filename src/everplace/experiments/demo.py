@@ -1,4 +1,4 @@
-"""`everplace demo`: a rendered route, two models, four methods, one report."""
+"""`everplace demo`: a rendered route, three models, five methods, one report."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from everplace.experiments.fitting import Methods, fit, run_of
 from everplace.experiments.manifest import open_study
 from everplace.experiments.retrieval import Matching, Truth
 from everplace.model.checkpoint import load_checkpoint
-from everplace.model.config import ModelKind
 from everplace.plots.canvas import new_figure
 from everplace.plots.training import draw_training
 from everplace.progress import Progress, quiet
@@ -27,7 +26,12 @@ from everplace.training.metrics import read_metrics
 
 __all__ = ["DemoSettings", "run_demo"]
 
-MODELS: tuple[ModelKind, ...] = ("c-vae", "cp-vae")
+MODELS: dict[str, dict[str, str]] = {
+    "c-vae": {"model": "c-vae"},
+    "cp-vae": {"model": "cp-vae"},
+    "cp-vae-best": {"model": "cp-vae", "recipe": "best"},
+}
+"""The models by their labels, with what makes each."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,7 @@ def run_demo(
     details: dict[str, str],
     progress: Progress = quiet,
 ) -> dict[str, Any]:
-    """Renders a route in summer and winter, trains C-VAE and CP-VAE, and compares them with SAD and HOG.
+    """Renders a route in summer and winter, trains C-VAE and CP-VAE (both recipes), compares them with SAD and HOG.
 
     Args:
         out: The directory to fill; a demo that was stopped goes on where it stood.
@@ -83,17 +87,12 @@ def run_demo(
     describers: dict[str, Describer] = {}
     curves = {}
     chosen = {}
-    for kind in MODELS:
-        run = run_of(out, kind)
-        wanted = {
-            "model": kind,
-            "frames": settings.trained,
-            "image_size": settings.seen,
-            "epochs": settings.epochs,
-        }
-        describers[kind] = fit(route, wanted, out, progress)
-        curves[kind] = read_metrics(run)
-        chosen[kind] = load_checkpoint(run).about["epoch"]
+    for label, model in MODELS.items():
+        run = run_of(out, label)
+        wanted = {**model, "frames": settings.trained, "image_size": settings.seen, "epochs": settings.epochs}
+        describers[label] = fit(route, wanted, out, progress, name=label)
+        curves[label] = read_metrics(run)
+        chosen[label] = load_checkpoint(run).about["epoch"]
     describers |= {name: open_describer(name) for name in ("sad", "hog")}
     tested = select(route, Selection(parse_frames(settings.tested)), progress)
     sources = {label: str(run_of(out, label)) if label in MODELS else label for label in describers}
@@ -105,9 +104,9 @@ def run_demo(
     report = write_comparison(
         comparison, out, title="everplace demo: a rendered route, summer and winter", details=details
     )
-    for kind, metrics in curves.items():
+    for label, metrics in curves.items():
         figure = new_figure(10)
-        draw_training(figure, metrics, chosen=chosen[kind])
-        report.section(f"Training of {kind}").figure(figure, alt=f"Terms of the bound of {kind} over the epochs.")
+        draw_training(figure, metrics, chosen=chosen[label])
+        report.section(f"Training of {label}").figure(figure, alt=f"Terms of the bound of {label} over the epochs.")
     report.write(out / "report.html")
     return comparison.metrics()

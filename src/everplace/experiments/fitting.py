@@ -120,7 +120,9 @@ def run_of(out: Path, method: str) -> Path:
     return out / "runs" / method
 
 
-def fit(route: Route, settings: Mapping[str, Any], out: Path, progress: Progress = quiet) -> Describer:
+def fit(
+    route: Route, settings: Mapping[str, Any], out: Path, progress: Progress = quiet, *, name: str = ""
+) -> Describer:
     """Fits a method into `out`/runs, or goes on where an earlier call with the same settings stood.
 
     Args:
@@ -128,11 +130,12 @@ def fit(route: Route, settings: Mapping[str, Any], out: Path, progress: Progress
         settings: The method as `model`, and values of its configuration.
         out: The directory of the study.
         progress: Told of decoding.
+        name: Of the run; empty: the method's.
 
     Raises:
         ConfigError: A setting is wrong, or an earlier call used others.
     """
-    run = run_of(out, str(settings["model"]))
+    run = run_of(out, name or str(settings["model"]))
     config = build_config(**settings)
     try:
         fit_method(route, config, run, resume=True, progress=progress, show=True)
