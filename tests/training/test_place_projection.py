@@ -100,8 +100,9 @@ def test_what_other_light_changes_is_kept_out(split: SplitRoute) -> None:
 def test_what_changes_along_a_stretch_is_kept_out() -> None:
     """One drive has a haze of stripes everywhere, the other none: a difference that is no place's."""
     rng = np.random.default_rng(0)
-    day = cv2.resize(rng.integers(60, 200, (4, 4 * 48), np.uint8), (32 * 48, 32), interpolation=cv2.INTER_CUBIC)
-    day = day.reshape(32, 48, 32).transpose(1, 0, 2)[..., None]
+    coarse = rng.integers(60, 200, (4, 4 * 48), np.uint8)
+    wide = np.asarray(cv2.resize(coarse, (32 * 48, 32), interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+    day = wide.reshape(32, 48, 32).transpose(1, 0, 2)[..., None]
     stripes = (20 * np.sin(np.arange(32))).astype(np.int16)[None, :, None, None]
     hazy = (day.astype(np.int16) + stripes).clip(0, 255).astype(np.uint8)
     blocks = tuple(FrameBlock(pixels, index) for index, pixels in enumerate((day, hazy)))
