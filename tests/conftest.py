@@ -34,12 +34,16 @@ def shared_data() -> Path:
 
 @pytest.fixture
 def tiny_route(tmp_path: Path) -> Path:
+    """The route of `write_tiny_route`, to be changed at will."""
+    return write_tiny_route(tmp_path / "tiny")
+
+
+def write_tiny_route(root: Path) -> Path:
     """A route of two conditions, `summer` and `winter`, with 12 places of 32×64 colour PNGs named 0 to 11.
 
     Each place is a smooth random landscape of its own; winter is paler, bluer and shifted by one pixel.
     """
     rng = np.random.default_rng(7)
-    root = tmp_path / "tiny"
     for condition in ("summer", "winter"):
         (root / condition).mkdir(parents=True)
     for place in range(PLACES):
