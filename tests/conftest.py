@@ -14,6 +14,11 @@ from tests.file_server import FileServer, serving
 PLACES = 12
 
 
+def pytest_configure() -> None:
+    """Has each process compute with one thread, as `make test` runs a process for each core."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _private_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keeps packed images of tests out of the user's cache, in child processes as well."""

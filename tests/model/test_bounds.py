@@ -72,7 +72,7 @@ def tiny() -> tuple[ConditionVAE, Posterior, Tensor, Terms]:
         model = ConditionVAE(config)
         # Settles the normalisation, so that the untrained networks depend on their inputs.
         for _ in range(20):
-            model(torch.rand(64, 1, 32, 32), torch.randn(64, 2))
+            model(torch.rand(16, 1, 32, 32), torch.randn(16, 2))
         model.eval()
         # With sigma 2 the likelihood is neither flat nor too narrow for the grid.
         model.log_sigma.fill_(math.log(2.0))

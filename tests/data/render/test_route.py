@@ -24,32 +24,39 @@ T = TypeVar("T")
 SMALL = RenderConfig(places=4, size=(24, 40), conditions=("winter", "rain"), seed=9)
 
 
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small route, not to be written to."""
+    out = tmp_path_factory.mktemp("rendered") / "route"
+    render_route(out, SMALL)
+    return out
+
+
 def _files(root: Path) -> dict[str, bytes]:
     return {str(path.relative_to(root)): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()}
 
 
-def test_the_same_configuration_gives_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    render_route(tmp_path / "a", SMALL)
+def test_the_same_configuration_gives_the_same_bytes(
+    rendered: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(route_module, "_BATCH", 1)
     render_route(tmp_path / "b", SMALL, workers=2)
-    files = _files(tmp_path / "a")
+    files = _files(rendered)
     assert files == _files(tmp_path / "b")
     names = [f"{stem:05d}.png" for stem in range(4)] + ["poses.csv"]
     assert sorted(files) == sorted(["route.toml", *(f"{c}/{name}" for c in ("winter", "rain") for name in names)])
 
 
-def test_seed_and_condition_change_the_frames_but_other_conditions_do_not(tmp_path: Path) -> None:
-    render_route(tmp_path / "both", SMALL)
+def test_seed_and_condition_change_the_frames_but_other_conditions_do_not(rendered: Path, tmp_path: Path) -> None:
     render_route(tmp_path / "one", SMALL.model_copy(update={"conditions": ("rain",)}))
     render_route(tmp_path / "other", SMALL.model_copy(update={"seed": 10, "conditions": ("rain",)}))
-    frame = (tmp_path / "both/rain/00002.png").read_bytes()
+    frame = (rendered / "rain/00002.png").read_bytes()
     assert frame == (tmp_path / "one/rain/00002.png").read_bytes()
     assert frame != (tmp_path / "other/rain/00002.png").read_bytes()
 
 
-def test_the_route_opens_with_its_conditions_and_poses(tmp_path: Path) -> None:
-    render_route(tmp_path / "route", SMALL)
-    route = open_route(tmp_path / "route")
+def test_the_route_opens_with_its_conditions_and_poses(rendered: Path) -> None:
+    route = open_route(rendered)
     assert route.tolerance == 1
     assert set(route.conditions) == {"winter", "rain"}
     assert route["rain"].stems == ("00000", "00001", "00002", "00003")
@@ -66,7 +73,8 @@ def test_the_route_opens_with_its_conditions_and_poses(tmp_path: Path) -> None:
 
 
 def test_jpeg_is_smaller(tmp_path: Path) -> None:
-    render_route(tmp_path / "jpg", SMALL.model_copy(update={"format": "jpg", "quality": 60}))
+    small = SMALL.model_copy(update={"conditions": ("rain",), "format": "jpg", "quality": 60})
+    render_route(tmp_path / "jpg", small)
     assert sorted(path.name for path in (tmp_path / "jpg/rain").iterdir())[0] == "00000.jpg"
     assert (tmp_path / "jpg/rain/00000.jpg").stat().st_size < 24 * 40 * 3 / 2
 
