@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -38,16 +39,18 @@ def shared_data() -> Path:
 
 
 @pytest.fixture
-def tiny_route(tmp_path: Path) -> Path:
-    """The route of `write_tiny_route`, to be changed at will."""
-    return write_tiny_route(tmp_path / "tiny")
+def tiny_route(unchanged_tiny_route: Path, tmp_path: Path) -> Path:
+    """`unchanged_tiny_route` for a test that may change it."""
+    return Path(shutil.copytree(unchanged_tiny_route, tmp_path / "tiny"))
 
 
-def write_tiny_route(root: Path) -> Path:
+@pytest.fixture(scope="session")
+def unchanged_tiny_route(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A route of two conditions, `summer` and `winter`, with 12 places of 32×64 colour PNGs named 0 to 11.
 
     Each place is a smooth random landscape of its own; winter is paler, bluer and shifted by one pixel.
     """
+    root = tmp_path_factory.mktemp("route") / "tiny"
     rng = np.random.default_rng(7)
     for condition in ("summer", "winter"):
         (root / condition).mkdir(parents=True)

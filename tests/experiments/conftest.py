@@ -6,15 +6,15 @@ import shutil
 from pathlib import Path
 
 import pytest
-from tests.conftest import write_tiny_route
 from tests.experiments.comparing import OPTIONS, compare
 
 
 @pytest.fixture(scope="session")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished(unchanged_tiny_route: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The tiny route in `tiny` and its finished comparison, made with `OPTIONS`, in `c`; not to be written to."""
     base = tmp_path_factory.mktemp("finished")
-    compare(write_tiny_route(base / "tiny"), base / "c", *OPTIONS)
+    shutil.copytree(unchanged_tiny_route, base / "tiny")
+    compare(base / "tiny", base / "c", *OPTIONS)
     return base
 
 

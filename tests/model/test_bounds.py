@@ -65,7 +65,7 @@ def tiny() -> tuple[ConditionVAE, Posterior, Tensor, Terms]:
     """The real classes with one dimension a block: model, q(z|x) of one frame, a grid over z, the terms on it."""
     config = ModelConfig(
         kind="cp-vae", height=32, width=32, channels=1, conditions=("summer", "winter"), places=3,
-        place_dimensions=1, condition_dimensions=1,
+        place_dimensions=1, condition_dimensions=1, fully_connected=False,
     )  # fmt: skip
     with torch.random.fork_rng(), torch.no_grad():
         torch.manual_seed(11)

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -25,6 +25,23 @@ SMALL = RenderConfig(places=4, size=(24, 40), conditions=("winter", "rain"), see
 
 
 @pytest.fixture(scope="module")
+def rendered_by_workers(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Any]]:
+    """The small route by two processes, a frame at a time, and what answered Ctrl-C meanwhile."""
+    answers = []
+
+    def look(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
+        for item in items:
+            answers.append(signal.getsignal(signal.SIGINT))
+            yield item
+
+    out = tmp_path_factory.mktemp("rendered") / "route"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(route_module, "_BATCH", 1)
+        render_route(out, SMALL, progress=look, workers=2)
+    return out, answers
+
+
+@pytest.fixture(scope="module")
 def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The small route, not to be written to."""
     out = tmp_path_factory.mktemp("rendered") / "route"
@@ -37,12 +54,10 @@ def _files(root: Path) -> dict[str, bytes]:
 
 
 def test_the_same_configuration_gives_the_same_bytes(
-    rendered: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    rendered: Path, rendered_by_workers: tuple[Path, list[Any]]
 ) -> None:
-    monkeypatch.setattr(route_module, "_BATCH", 1)
-    render_route(tmp_path / "b", SMALL, workers=2)
     files = _files(rendered)
-    assert files == _files(tmp_path / "b")
+    assert files == _files(rendered_by_workers[0])
     names = [f"{stem:05d}.png" for stem in range(4)] + ["poses.csv"]
     assert sorted(files) == sorted(["route.toml", *(f"{c}/{name}" for c in ("winter", "rain") for name in names)])
 
@@ -135,17 +150,8 @@ def test_ctrl_c_while_workers_start_is_answered_once(tmp_path: Path) -> None:
     assert not list(out.iterdir())
 
 
-def test_ctrl_c_works_again_once_workers_are_there(tmp_path: Path) -> None:
-    before = signal.getsignal(signal.SIGINT)
-    seen = []
-
-    def look(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
-        for item in items:
-            seen.append(signal.getsignal(signal.SIGINT))
-            yield item
-
-    render_route(tmp_path / "route", SMALL, progress=look, workers=2)
-    assert set(seen) == {before}
+def test_ctrl_c_works_again_once_workers_are_there(rendered_by_workers: tuple[Path, list[Any]]) -> None:
+    assert set(rendered_by_workers[1]) == {signal.getsignal(signal.SIGINT)}
 
 
 def test_an_empty_directory_is_filled_and_progress_counts_every_frame(tmp_path: Path) -> None:
