@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ def test_images_as_asked_for_pass_as_they_are_and_no_others(shape: tuple[int, ..
     require_images(images, spec, "m")
     np.testing.assert_array_equal(images, before)
     # Of the same numbers, each of these differs in one thing.
-    others = [images.astype(np.int16), images[None], images[..., [0] * (4 - shape[-1])]]
+    others: list[Any] = [images.astype(np.int16), images[None], images[..., [0] * (4 - shape[-1])]]
     if spec.size is not None:
         others += [np.zeros((*shape[:1], spec.size[0] + 1, *shape[2:]), np.uint8)]
     for other in others:
