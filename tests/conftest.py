@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +13,11 @@ from PIL import Image
 from tests.file_server import FileServer, serving
 
 PLACES = 12
+
+
+def pytest_configure() -> None:
+    """Has each process compute with one thread, as `make test` runs a process for each core."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -33,13 +39,19 @@ def shared_data() -> Path:
 
 
 @pytest.fixture
-def tiny_route(tmp_path: Path) -> Path:
+def tiny_route(unchanged_tiny_route: Path, tmp_path: Path) -> Path:
+    """`unchanged_tiny_route` for a test that may change it."""
+    return Path(shutil.copytree(unchanged_tiny_route, tmp_path / "tiny"))
+
+
+@pytest.fixture(scope="session")
+def unchanged_tiny_route(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A route of two conditions, `summer` and `winter`, with 12 places of 32×64 colour PNGs named 0 to 11.
 
     Each place is a smooth random landscape of its own; winter is paler, bluer and shifted by one pixel.
     """
+    root = tmp_path_factory.mktemp("route") / "tiny"
     rng = np.random.default_rng(7)
-    root = tmp_path / "tiny"
     for condition in ("summer", "winter"):
         (root / condition).mkdir(parents=True)
     for place in range(PLACES):

@@ -93,22 +93,25 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
 def way(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The whole way once: a rendered route, a short training, descriptors, matches, an evaluation."""
     base = tmp_path_factory.mktemp("way")
+    # With the fully connected chain a model of this size takes 90 MB.
+    (base / "small.toml").write_text("fully_connected = false\n")
     steps: list[list[str | Path]] = [
         ["data", "render", "--out", base / "route", "--places", "60", "--image-size", "32", "64",
          "--conditions", "summer,winter"],
         ["train", base / "route", "--model", "cp-vae", "--frames", ":40", "--image-size", "32", "64", "--epochs", "2",
-         "--out", base / "run", "--json"],
+         "--config", base / "small.toml", "--out", base / "run", "--json"],
         ["describe", base / "run", base / "route" / "winter", "--out", base / "winter.h5", "--json"],
         ["describe", base / "run", base / "route" / "summer", "--out", base / "summer.h5"],
         ["match", base / "summer.h5", base / "winter.h5", "--top", "3", "--out", base / "matches.csv"],
         ["evaluate", base / "route", "--method", base / "run", "--database", "summer", "--query", "winter", "--frames",
-         "40:", "--out", base / "result", "--json"],
+         "20:", "--out", base / "result", "--json"],
     ]  # fmt: skip
     for step in steps:
-        done = run(*step)
-        assert done.returncode == 0, done.stderr
+        status, out, err = call(*step)
+        assert status == 0, err
         if "--json" in step:
-            (base / f"{step[0]}.json").write_text(json.dumps(json.loads(done.stdout)))
+            (base / f"{step[0]}.json").write_text(json.dumps(json.loads(out)))
+        (base / f"{step[0]}.err").write_text(err)
     return base
 
 
@@ -152,7 +155,7 @@ def test_an_evaluation_writes_metrics_and_a_report(way: Path) -> None:
         "database", "tolerance", "dimension", "ms_per_image", "audit",
     }  # fmt: skip
     assert set(metrics["recall_at"]) == {"1", "5", "10"}
-    assert (metrics["queries"], metrics["database"], metrics["dimension"]) == (20, 20, 96)
+    assert (metrics["queries"], metrics["database"], metrics["dimension"]) == (40, 40, 96)
     assert 0 < metrics["audit"]["swap"]["mean_image"] < 1
     page = (way / "result" / "report.html").read_text()
     assert "cp-vae: winter against summer" in page
@@ -182,28 +185,25 @@ def test_show_draws_a_picture(way: Path, tmp_path: Path, what: str) -> None:
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_compare_names_every_pair_and_method(way: Path, tmp_path: Path) -> None:
-    done = run(
-        "compare", way / "route", "--methods", f"{way / 'run'},sad,hog", "--frames", "40:", "--out", tmp_path / "c"
-    )
-    assert done.returncode == 0, done.stderr
+@pytest.mark.parametrize("methods", ["sad,hog", pytest.param("{way}/run,sad,hog", marks=pytest.mark.slow)])
+def test_compare_names_every_pair_and_method(way: Path, tmp_path: Path, methods: str) -> None:
+    given = methods.format(way=way)
+    status, out, err = call("compare", way / "route", "--methods", given, "--frames", "40:", "--out", tmp_path / "c")
+    assert status == 0, err
+    assert "trained" not in err
     table = (tmp_path / "c" / "table.md").read_text()
-    assert done.stdout == table
+    assert out == table
     assert "**summer against winter**" in table
     assert "**winter against summer**" in table
-    assert len(re.findall(r"^\| (sad|hog|run) \|", table, re.MULTILINE)) == 6
+    names = [Path(method).name for method in given.split(",")]
+    assert sorted(re.findall(r"^\| (sad|hog|run) \|", table, re.MULTILINE)) == sorted(2 * names)
     assert {path.name for path in (tmp_path / "c").iterdir()} >= {"metrics.json", "report.html", "pr_curves.png"}
 
 
-def test_testing_on_trained_places_is_said(way: Path, tmp_path: Path) -> None:
-    status, out, err = call(
-        "evaluate", way / "route", "--method", way / "run", "--database", "summer", "--query", "winter",
-        "--frames", "20:", "--out", tmp_path / "r", "--json",
-    )  # fmt: skip
-    assert status == 0
+def test_testing_on_trained_places_is_said(way: Path) -> None:
     # 26 places in the gradient, 10 of a gap, 4 held out to choose the epoch: positions 20 to 25 and 36 to 39.
-    assert json.loads(out)["trained_places_tested"] == 10
-    assert err.startswith("everplace: 10 of the tested places")
+    assert json.loads((way / "evaluate.json").read_text())["trained_places_tested"] == 10
+    assert (way / "evaluate.err").read_text().startswith("everplace: 10 of the tested places")
 
 
 def test_a_training_run_is_not_overwritten(way: Path) -> None:
@@ -212,6 +212,8 @@ def test_a_training_run_is_not_overwritten(way: Path) -> None:
         way / "route",
         "--model",
         "cp-vae",
+        "--config",
+        way / "small.toml",
         "--image-size",
         "32",
         "64",
@@ -327,6 +329,23 @@ def test_a_full_disk_leaves_nothing_behind(tiny_route: Path, tmp_path: Path) -> 
     assert len(done.stderr.strip().splitlines()) == 1
     assert "x.h5" in done.stderr
     assert [path.name for path in tmp_path.iterdir() if path != tiny_route] == []
+
+
+@pytest.mark.slow
+def test_in_processes_of_their_own_the_commands_write_one_json_document(way: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    model: list[str | Path] = ["--model", "cp-vae", "--config", way / "small.toml", "--image-size", "32", "64"]
+    trained = run("train", way / "route", *model, "--frames", ":40", "--epochs", "2", "--out", out, "--json")
+    assert trained.returncode == 0, trained.stderr
+    expected = json.loads((way / "train.json").read_text())
+    measured = {"run": str(out), "seconds": json.loads(trained.stdout)["seconds"]}
+    assert json.loads(trained.stdout) == expected | measured
+    pair = ["--database", "summer", "--query", "winter", "--frames", "40:", "--json"]
+    tested = run("evaluate", way / "route", "--method", out, *pair, "--out", tmp_path / "result")
+    assert (tested.returncode, tested.stderr) == (0, "")
+    metrics = json.loads(tested.stdout)
+    assert metrics == json.loads((tmp_path / "result" / "metrics.json").read_text())
+    assert metrics["trained_places_tested"] == 0
 
 
 @pytest.mark.slow

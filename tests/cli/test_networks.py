@@ -12,6 +12,7 @@ import pytest
 
 from everplace.cli import main
 from everplace.describe.methods import alexnet
+from everplace.downloads import fetching
 
 HUBCONF = """
 import torch
@@ -61,14 +62,16 @@ def test_descriptors_of_other_weights_are_not_matched(repository: Path, tiny_rou
     assert not matches.exists()
 
 
+@pytest.mark.parametrize("method", ["hog", pytest.param("hub:{}:means#size=32x64", marks=pytest.mark.slow)])
 def test_compare_leaves_out_what_has_no_weights_and_says_why(
-    repository: Path, tiny_route: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    repository: Path, tiny_route: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
 ) -> None:
     monkeypatch.setenv("EVERPLACE_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("EVERPLACE_TRUST_HUB", raising=False)
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "torch"))
+    monkeypatch.setattr(fetching, "_ATTEMPTS_OFFLINE", 1)
     monkeypatch.setattr(alexnet, "WEIGHTS", replace(alexnet.WEIGHTS, url="http://127.0.0.1:9/alexnet-7be5be79.pth"))
-    kept = f"hub:{repository}:means#size=32x64"
+    kept = method.format(repository)
     left = ["alexnet", f"vgg19:{tmp_path / 'none.pth'}", "hub:some/means:means", f"onnx:{tmp_path / 'none.onnx'}"]
     out = tmp_path / "c"
     status, printed, err = call("compare", tiny_route, "--methods", ",".join([kept, *left]), "--out", out, "--json")

@@ -152,6 +152,7 @@ def test_nothing_is_left_in_the_cache(tiny_route: Path, tmp_path: Path, monkeypa
         inspect(tiny_route)
 
 
+@pytest.mark.slow
 def test_nordland_has_its_tunnels_and_stops(shared_data: Path) -> None:
     route = open_route(shared_data / "nordland64")
     found = inspect_route(route)

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from everplace.data.route import open_route
 from everplace.describe.memory import peak_memory
@@ -29,8 +30,24 @@ def large():
 """
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows does not tell the peak memory")
-def test_what_a_method_needs_is_seen_and_what_this_process_has_is_not(tiny_route: Path, tmp_path: Path) -> None:
+not_on_windows = pytest.mark.skipif(sys.platform == "win32", reason="Windows does not tell the peak memory")
+
+
+@not_on_windows
+def test_what_the_images_need_is_seen_and_what_this_process_has_is_not(tiny_route: Path, tmp_path: Path) -> None:
+    held = bytearray(b"\1" * 200 * 10**6)
+    few = peak_memory("sad", open_route(tiny_route)["summer"].paths, frames=1)
+    Image.new("L", (6000, 6000)).save(tmp_path / "large.png", compress_level=1)
+    large = peak_memory("sad", [tmp_path / "large.png"])
+    assert few is not None
+    assert large is not None
+    assert 10 < few < len(held) / 10**6
+    assert 33 < large - few < 160  # 36 MB of pixels, and copies of them while they are decoded
+
+
+@pytest.mark.slow
+@not_on_windows
+def test_what_a_network_needs_is_seen_and_what_this_process_has_is_not(tiny_route: Path, tmp_path: Path) -> None:
     (tmp_path / "nets").mkdir()
     (tmp_path / "nets" / "hubconf.py").write_text(_HUBCONF)
     paths = open_route(tiny_route)["summer"].paths

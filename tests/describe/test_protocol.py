@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,10 +13,27 @@ from everplace.describe.protocol import require_images
 from everplace.errors import MethodError
 
 
-def test_images_as_asked_for_pass() -> None:
-    require_images(np.zeros((2, 4, 6, 1), np.uint8), ImageSpec((4, 6), grey=True), "m")
-    require_images(np.zeros((0, 4, 6, 3), np.uint8), ImageSpec((4, 6)), "m")
-    require_images(np.zeros((2, 9, 5, 3), np.uint8), ImageSpec(), "m")
+@pytest.mark.parametrize(
+    ("shape", "spec"),
+    [
+        ((2, 4, 6, 1), ImageSpec((4, 6), grey=True)),
+        ((0, 4, 6, 3), ImageSpec((4, 6))),
+        ((2, 9, 5, 3), ImageSpec()),
+        ((2, 9, 5, 1), ImageSpec(grey=True)),
+    ],
+)
+def test_images_as_asked_for_pass_as_they_are_and_no_others(shape: tuple[int, ...], spec: ImageSpec) -> None:
+    images = np.arange(math.prod(shape), dtype=np.uint8).reshape(shape)
+    before = images.copy()
+    require_images(images, spec, "m")
+    np.testing.assert_array_equal(images, before)
+    # Of the same numbers, each of these differs in one thing.
+    others: list[Any] = [images.astype(np.int16), images[None], images[..., [0] * (4 - shape[-1])]]
+    if spec.size is not None:
+        others += [np.zeros((*shape[:1], spec.size[0] + 1, *shape[2:]), np.uint8)]
+    for other in others:
+        with pytest.raises(MethodError, match="m describes uint8 images of shape"):
+            require_images(other, spec, "m")
 
 
 @pytest.mark.parametrize(

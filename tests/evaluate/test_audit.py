@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from everplace.errors import RouteError
+from everplace.evaluate import audit as module
 from everplace.evaluate.audit import Audit, Probe, SwapError, audit, encode_frames
 from everplace.model.architecture import ConditionVAE
 from everplace.model.config import ModelConfig
@@ -38,7 +39,9 @@ class PixelDecoder(nn.Module):
 
 
 def network() -> ConditionVAE:
-    config = ModelConfig(kind="cp-vae", height=32, width=32, channels=1, conditions=("a", "b"), places=3)
+    config = ModelConfig(
+        kind="cp-vae", height=32, width=32, channels=1, conditions=("a", "b"), places=3, fully_connected=False
+    )
     with torch.random.fork_rng():
         torch.manual_seed(0)
         return ConditionVAE(config).eval()
@@ -186,10 +189,11 @@ def test_encoding_does_not_depend_on_batches() -> None:
     np.testing.assert_allclose(latents.kl_condition, posterior.kl().mean(0)[96:].numpy(), rtol=1e-4, atol=1e-7)
 
 
-def test_swap_errors_of_a_real_network_by_a_direct_computation() -> None:
+def test_swap_errors_of_a_real_network_by_a_direct_computation(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_BATCH", 8)
     model = network()
     rng = np.random.default_rng(1)
-    frames = [rng.integers(0, 256, (70, 32, 32, 1), dtype=np.uint8) for _ in range(3)]
+    frames = [rng.integers(0, 256, (14, 32, 32, 1), dtype=np.uint8) for _ in range(3)]
     found = swap_of(audit(model, frames, tolerance=1))
     images = [to_input(torch.from_numpy(block)) for block in frames]
     rows = []
@@ -200,9 +204,9 @@ def test_swap_errors_of_a_real_network_by_a_direct_computation() -> None:
                 if u == v:
                     continue
                 z_c = z[v][:, 96:]
-                for_each = (z_c.mean(0).expand(70, 32), z_c, torch.cat([z_c[35:], z_c[:35]]))
+                for_each = (z_c.mean(0).expand(14, 32), z_c, torch.cat([z_c[7:], z_c[:7]]))
                 decoded = [model.decoder(torch.cat([z[u][:, :96], part], dim=1)).clamp(0, 1) for part in for_each]
-                guesses = [*decoded, images[u], images[v].mean(0, keepdim=True).expand(70, -1, -1, -1)]
+                guesses = [*decoded, images[u], images[v].mean(0, keepdim=True).expand(14, -1, -1, -1)]
                 rows.append([float((guess - images[v]).square().mean()) for guess in guesses])
     expected = np.mean(rows, axis=0)
     assert [

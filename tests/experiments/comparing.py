@@ -10,6 +10,9 @@ from typing import Any
 
 from everplace.cli import main
 
+OPTIONS = ("--methods", "sad,hog", "--frames", "2:", "--seed", "3")
+"""Those of the comparison that tests share."""
+
 MEASURED = ("ms_per_image", "peak_memory_mb")
 """What of the metrics is measured by a clock or the system, and so differs from run to run."""
 

@@ -100,7 +100,7 @@ def test_a_model_is_not_fitted_on_tested_places(tiny_route: Path, fit: str, test
 
 
 def test_a_model_is_fitted_on_the_other_places(tiny_route: Path, tmp_path: Path) -> None:
-    config = {"epochs": 1, "image_size": (32, 32), "held_out_gap": 0, "batch_size": 4}
+    config = {"epochs": 1, "image_size": (32, 32), "held_out_gap": 0, "batch_size": 4, "fully_connected": False}
     route = open_route(tiny_route)
     tested = select_tested(route, ["cp-vae"], Selection(slice(8, None)), "0:8")
     assert [len(traverse) for traverse in tested.traverses] == [4, 4]
@@ -110,12 +110,37 @@ def test_a_model_is_fitted_on_the_other_places(tiny_route: Path, tmp_path: Path)
     assert (tmp_path / "out" / "runs" / "cp-vae" / "checkpoint.json").is_file()
 
 
-def test_the_fitted_baselines_stand_beside_the_others(tiny_route: Path, tmp_path: Path) -> None:
-    # FAB-MAP takes from the settings of the networks what it has too.
-    config = {"epochs": 1, "image_size": (32, 32), "held_out_gap": 0, "batch_size": 4, "seed": 3}
-    methods = ["cae", "fabmap", "hog"]
+def test_the_words_of_fabmap_have_new_places_and_are_not_centred(tiny_route: Path, tmp_path: Path) -> None:
     route = open_route(tiny_route)
     with pytest.raises(ConfigError, match="too few for words = 1500"):  # 16 smooth frames of 32×64
+        fit_and_open(route, ["fabmap"], "0:8", tmp_path / "few", settings={})
+    fit_method(route, build_config(model="fabmap", frames="0:8", words=20, smallest_side=256), tmp_path / "words")
+    describers = {"words": open_describer(str(tmp_path / "words")), "hog": open_describer("hog")}
+    tested = select_tested(route, ["hog"], Selection(slice(8, None)), "0:8")
+    plain = compare_methods(open_study(tested, Truth(1), Matching()), Methods(describers), tmp_path / "plain")
+    first = plain.metrics()["pairs"][0]["methods"]
+    assert set(first["words"]["new_place"]) == {"mean_probability", "above_half"}
+    assert "new_place" not in first["hog"]
+
+    study = open_study(tested, Truth(1), Matching("centre"))
+    methods = Methods(describers, left_out={"x": "absent"})
+    centred = compare_methods(study, methods, tmp_path / "centred")
+    assert set(centred.describers) == {"hog"}
+    assert centred.left_out["x"] == "absent"
+    assert "--standardise centre does not apply to the words of fabmap" in centred.left_out["words"]
+    with pytest.raises(ConfigError, match="--standardise centre does not apply"):
+        compare_methods(study, Methods({"words": describers["words"]}), tmp_path / "words-alone")
+
+
+@pytest.mark.slow
+def test_the_fitted_baselines_stand_beside_the_others(tiny_route: Path, tmp_path: Path) -> None:
+    # FAB-MAP takes from the settings of the networks what it has too.
+    config = {
+        "epochs": 1, "image_size": (32, 32), "held_out_gap": 0, "batch_size": 4, "fully_connected": False, "seed": 3,
+    }  # fmt: skip
+    methods = ["cae", "fabmap", "hog"]
+    route = open_route(tiny_route)
+    with pytest.raises(ConfigError, match="too few for words = 1500"):
         fit_and_open(route, ["fabmap"], "0:8", tmp_path / "few", settings=config)
     fit_method(
         route, build_config(model="fabmap", frames="0:8", seed=3, words=20, smallest_side=256), tmp_path / "words"
@@ -136,7 +161,8 @@ def test_the_fitted_baselines_stand_beside_the_others(tiny_route: Path, tmp_path
     assert (tmp_path / "report" / "report.html").is_file()
 
     study = open_study(tested, Truth(1), Matching("centre"))
-    centred = compare_methods(study, replace(ready, left_out={"x": "absent"}), tmp_path / "centred")
+    unmeasured = replace(ready, left_out={"x": "absent"}, sources={})
+    centred = compare_methods(study, unmeasured, tmp_path / "centred")
     assert set(centred.describers) == {"cae", "hog"}
     assert centred.left_out["x"] == "absent"
     assert "--standardise centre does not apply to the words of fabmap" in centred.left_out["words"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.experiments.comparing import MEASURED, compare
+from tests.experiments.comparing import MEASURED, OPTIONS, compare
 
 from everplace.data.route import open_route
 from everplace.describe.registry import open_describer
@@ -52,14 +53,16 @@ def test_a_damaged_part_is_made_again(tiny_route: Path, tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.values, made.values)
 
 
-def test_a_finished_comparison_is_read_and_a_method_can_be_added(tiny_route: Path, tmp_path: Path) -> None:
-    out = tmp_path / "c"
-    compare(tiny_route, out, "--methods", "sad")
+def test_a_finished_comparison_is_read_and_a_method_can_be_added(finished_copy: Path) -> None:
+    out = finished_copy / "c"
+    assert OPTIONS[:2] == ("--methods", "sad,hog")
+    (other,) = out.glob("parts/hog-*")
+    shutil.rmtree(other)  # as if the comparison had been of sad alone
     (kept,) = out.glob("parts/*/result.json")
     document = json.loads(kept.read_text())
     # A figure that no method reaches shows that it was read, not measured again.
     kept.write_text(json.dumps(document | {"ms_per_image": 12345.0}))
-    metrics = compare(tiny_route, out, "--methods", "hog,sad")
+    metrics = compare(finished_copy / "tiny", out, "--methods", "hog,sad", *OPTIONS[2:])
     assert metrics["pairs"][0]["methods"]["sad"]["ms_per_image"] == 12345.0
     assert list(metrics["pairs"][0]["methods"]) == ["hog", "sad"]
     assert list(json.loads((out / "manifest.json").read_text())["methods"]) == ["hog", "sad"]

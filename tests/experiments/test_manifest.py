@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from PIL import Image
-from tests.experiments.comparing import MEASURED, compare, refused
+from tests.experiments.comparing import MEASURED, OPTIONS, compare, refused
 
 from everplace.data.route import open_route
 from everplace.data.selection import Selection, select
@@ -29,11 +29,10 @@ def manifest_of(out: Path) -> dict[str, Any]:
     return found
 
 
-def test_two_runs_have_equal_manifests_and_metrics(tiny_route: Path, tmp_path: Path) -> None:
-    options = ["--methods", "sad,hog", "--frames", "2:", "--seed", "3"]
-    metrics = [compare(tiny_route, tmp_path / name, *options) for name in ("one", "two")]
-    assert without_measured(metrics[0]) == without_measured(metrics[1])
-    one, two = (manifest_of(tmp_path / name) for name in ("one", "two"))
+def test_two_runs_have_equal_manifests_and_metrics(finished: Path, tmp_path: Path) -> None:
+    metrics = compare(finished / "tiny", tmp_path / "again", *OPTIONS)
+    assert without_measured(metrics) == without_measured(json.loads((finished / "c" / "metrics.json").read_text()))
+    one, two = (manifest_of(out) for out in (finished / "c", tmp_path / "again"))
     assert one == two
     assert set(one["versions"]) >= {"everplace", "python", "numpy", "opencv", "torch", "pillow"}
     assert one["machine"]["processor"]
@@ -45,11 +44,14 @@ def test_two_runs_have_equal_manifests_and_metrics(tiny_route: Path, tmp_path: P
     assert (one["split"]["frames"], one["split"]["seed"], one["truth"]["tolerance"]) == ("2:", 3, 1)
     assert one["methods"]["hog"] == {"method": "hog", "metric": "cosine", "cell": 8, "block": 16, "bins": 9}
     assert set(one["definitions"]) >= {"curve", "auc_pr", "peak MB"}
-    other = ["--methods", "sad", "--frames", "3:", "--seed", "4"]
-    compare(tiny_route, tmp_path / "other", *other)
-    changed = manifest_of(tmp_path / "other")
-    assert (changed["split"]["frames"], changed["split"]["seed"]) == ("3:", 4)
-    assert changed["traverses"] != one["traverses"]
+
+
+def test_a_manifest_tells_the_images_of_the_chosen_frames(finished: Path) -> None:
+    route = open_route(finished / "tiny")
+    same, other = (open_study(select(route, Selection(slice(first, None))), Truth(), Matching()) for first in (2, 3))
+    traverses = manifest_of(finished / "c")["traverses"]
+    assert same.document["traverses"] == traverses
+    assert [one["sha256"] for one in other.document["traverses"]] != [one["sha256"] for one in traverses]
 
 
 def test_the_protocol_that_chose_the_frames_is_named_in_every_result(tiny_route: Path, tmp_path: Path) -> None:
@@ -78,40 +80,40 @@ def test_every_column_is_defined() -> None:
     assert {"recall@N", *(name for name in SCORES if not name.startswith("recall")), *COSTS} < set(DEFINITIONS)
 
 
-def test_the_costs_stand_in_every_place(tiny_route: Path, tmp_path: Path) -> None:
-    metrics = compare(tiny_route, tmp_path / "c", "--methods", "sad,hog")
+def test_the_costs_stand_in_every_place(finished: Path) -> None:
+    out = finished / "c"
+    metrics = json.loads((out / "metrics.json").read_text())
     hog = metrics["pairs"][0]["methods"]["hog"]
     assert (hog["dimension"], hog["bytes_per_descriptor"]) == (3780, 15120)
     assert hog["ms_per_image"] > 0
     assert 20 < hog["peak_memory_mb"] < 2000
-    table = (tmp_path / "c" / "table.md").read_text()
+    table = (out / "table.md").read_text()
     assert f"| 3780 | 15120 | {hog['ms_per_image']:.3f} | {round(hog['peak_memory_mb'])} |" in table
-    page = (tmp_path / "c" / "report.html").read_text()
+    page = (out / "report.html").read_text()
     assert "<summary>Manifest</summary>" in page
-    assert manifest_of(tmp_path / "c")["traverses"][0]["sha256"] in page
+    assert manifest_of(out)["traverses"][0]["sha256"] in page
 
 
-def test_another_study_in_the_same_directory_is_refused(tiny_route: Path, tmp_path: Path) -> None:
-    compare(tiny_route, tmp_path / "c", "--methods", "sad")
-    before = (tmp_path / "c" / "manifest.json").read_bytes()
+def test_another_study_in_the_same_directory_is_refused(finished_copy: Path) -> None:
+    before = (finished_copy / "c" / "manifest.json").read_bytes()
     for options, names in (
         (["--tolerance", "3"], "truth.tolerance was 1 and is now 3"),
-        (["--frames", "2:"], 'split.frames was "" and is now "2:"'),
-        (["--seed", "5"], "split.seed was 0 and is now 5"),
+        (["--frames", "3:"], 'split.frames was "2:" and is now "3:"'),
+        (["--seed", "5"], "split.seed was 3 and is now 5"),
         (["--standardise", "centre"], 'match.standardise was null and is now "centre"'),
     ):
-        said = refused(tiny_route, tmp_path / "c", "--methods", "sad", *options)
+        said = refused(finished_copy / "tiny", finished_copy / "c", *OPTIONS, *options)
         assert "holds a comparison with other settings" in said
         assert names in said
-    assert (tmp_path / "c" / "manifest.json").read_bytes() == before
+    assert (finished_copy / "c" / "manifest.json").read_bytes() == before
 
 
-def test_other_images_or_a_foreign_manifest_are_refused(tiny_route: Path, tmp_path: Path) -> None:
-    compare(tiny_route, tmp_path / "c", "--methods", "sad")
-    Image.new("RGB", (64, 32), (9, 9, 9)).save(tiny_route / "winter" / "5.png")
-    assert "traverses.1.sha256" in refused(tiny_route, tmp_path / "c", "--methods", "sad")
-    (tmp_path / "c" / "manifest.json").write_text("[1]")
-    assert "manifest.json was not written by" in refused(tiny_route, tmp_path / "c", "--methods", "sad")
+def test_other_images_or_a_foreign_manifest_are_refused(finished_copy: Path) -> None:
+    route, out = finished_copy / "tiny", finished_copy / "c"
+    Image.new("RGB", (64, 32), (9, 9, 9)).save(route / "winter" / "5.png")
+    assert "traverses.1.sha256" in refused(route, out, *OPTIONS)
+    (out / "manifest.json").write_text("[1]")
+    assert "manifest.json was not written by" in refused(route, out, *OPTIONS)
 
 
 def test_the_key_depends_on_study_and_settings_alone(tiny_route: Path) -> None:

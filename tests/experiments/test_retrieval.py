@@ -228,7 +228,9 @@ def test_the_audit_looks_at_shared_places_where_the_scores_do_not_need_them(tiny
     for traverse in ("summer", "winter"):
         pose(tiny_route / traverse, 10.0)
     (tiny_route / "route.toml").write_text("radius = 15.0\n")
-    config = ModelConfig(kind="c-vae", height=32, width=64, channels=1, conditions=("summer", "winter"), places=0)
+    config = ModelConfig(
+        kind="c-vae", height=32, width=64, channels=1, conditions=("summer", "winter"), fully_connected=False
+    )
     save_checkpoint(tmp_path / "run", ConditionVAE(config), {"recipe": "faithful"})
     (tmp_path / "run" / "config.toml").touch()
     evaluated = evaluate_method(

@@ -25,7 +25,7 @@ SIDE = 32
 
 def network(channels: int = 1, seed: int = 0) -> ConditionVAE:
     settings = {"kind": "c-vae", "height": SIDE, "width": SIDE, "channels": channels, "conditions": ("a", "b")}
-    config = ModelConfig.model_validate(settings)
+    config = ModelConfig.model_validate({**settings, "fully_connected": False})
     with torch.random.fork_rng():
         torch.manual_seed(seed)
         return ConditionVAE(config).eval()
@@ -119,7 +119,8 @@ def test_a_translation_has_the_mean_z_c_of_each_condition_above_its_true_frame(t
 
 @pytest.mark.parametrize("kind", ["vae", "cae"])
 def test_a_latent_that_is_not_divided_is_one_clear_error(tmp_path: Path, kind: str) -> None:
-    model = ConditionVAE(ModelConfig.model_validate({"kind": kind, "height": 32, "width": 32, "channels": 1}))
+    settings = {"kind": kind, "height": 32, "width": 32, "channels": 1, "fully_connected": False}
+    model = ConditionVAE(ModelConfig.model_validate(settings))
     save_checkpoint(tmp_path / "run", model, {})
     with pytest.raises(CheckpointError, match=f"run holds a {kind}, whose latent has no z_p and z_c .* c-vae"):
         load_divided(str(tmp_path / "run"))

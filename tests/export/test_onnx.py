@@ -66,7 +66,7 @@ def saved_run(
 def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, dict[str, Any]]:
     """A run, its ONNX network, written by the command over an earlier one, and what the command said."""
     base = tmp_path_factory.mktemp("export")
-    run, network = saved_run(base / "run", channels=3, fully_connected=True), base / "net.onnx"
+    run, network = saved_run(base / "run", channels=3), base / "net.onnx"
     network.write_text("old")
     network.with_suffix(".toml").write_text('image_size = [1, 1]\ncolour = "grey"\n')
     out = io.StringIO()
@@ -91,9 +91,14 @@ def test_it_describes_as_the_run_does(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "channels", "size"), [("vae", 1, 128), ("c-vae", 3, 96), ("cae", 1, 128)])
-def test_every_network_is_exported(tmp_path: Path, tiny_route: Path, kind: ModelKind, channels: int, size: int) -> None:
-    run = saved_run(tmp_path / "run", kind, channels)
+@pytest.mark.parametrize(
+    ("kind", "channels", "size", "fully_connected"),
+    [("vae", 1, 128, False), ("c-vae", 3, 96, False), ("cae", 1, 128, False), ("cp-vae", 3, 96, True)],
+)
+def test_every_network_is_exported(
+    tmp_path: Path, tiny_route: Path, kind: ModelKind, channels: int, size: int, fully_connected: bool
+) -> None:
+    run = saved_run(tmp_path / "run", kind, channels, fully_connected=fully_connected)
     export_onnx(run, tmp_path / "net.onnx")
     ours = values_of(open_describer(str(run)), tiny_route, 12)
     theirs = values_of(open_describer(f"onnx:{tmp_path / 'net.onnx'}"), tiny_route, 12)

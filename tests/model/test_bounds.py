@@ -65,14 +65,14 @@ def tiny() -> tuple[ConditionVAE, Posterior, Tensor, Terms]:
     """The real classes with one dimension a block: model, q(z|x) of one frame, a grid over z, the terms on it."""
     config = ModelConfig(
         kind="cp-vae", height=32, width=32, channels=1, conditions=("summer", "winter"), places=3,
-        place_dimensions=1, condition_dimensions=1,
+        place_dimensions=1, condition_dimensions=1, fully_connected=False,
     )  # fmt: skip
     with torch.random.fork_rng(), torch.no_grad():
         torch.manual_seed(11)
         model = ConditionVAE(config)
         # Settles the normalisation, so that the untrained networks depend on their inputs.
         for _ in range(20):
-            model(torch.rand(64, 1, 32, 32), torch.randn(64, 2))
+            model(torch.rand(16, 1, 32, 32), torch.randn(16, 2))
         model.eval()
         # With sigma 2 the likelihood is neither flat nor too narrow for the grid.
         model.log_sigma.fill_(math.log(2.0))

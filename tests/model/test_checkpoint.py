@@ -17,10 +17,11 @@ from everplace.model.config import MODEL_KINDS, ModelConfig, ModelKind
 from everplace.model.tensor_file import load_tensors, save_tensors
 
 
-def small_model(kind: ModelKind, seed: int = 0) -> ConditionVAE:
+def small_model(kind: ModelKind, seed: int = 0, *, fully_connected: bool = False) -> ConditionVAE:
     config = ModelConfig(
         kind=kind, height=32, width=32, channels=1, conditions=("a", "b") if kind != "vae" else (),
         places=3 if kind == "cp-vae" else 0, place_dimensions=6, condition_dimensions=2,
+        fully_connected=fully_connected,
     )  # fmt: skip
     with torch.random.fork_rng():
         torch.manual_seed(seed)
@@ -29,7 +30,7 @@ def small_model(kind: ModelKind, seed: int = 0) -> ConditionVAE:
 
 @pytest.mark.parametrize("kind", MODEL_KINDS)
 def test_round_trip_gives_bit_identical_outputs(tmp_path: Path, kind: ModelKind) -> None:
-    model = small_model(kind)
+    model = small_model(kind, fully_connected=True)
     images, noise = torch.rand(4, 1, 32, 32), torch.randn(4, 8)
     model(images, noise)  # moves the running statistics away from their start
     model.log_sigma.fill_(-1.25)
@@ -106,7 +107,7 @@ def test_a_model_that_cannot_be_is_named(tmp_path: Path, change: dict[str, Any] 
     ids=["latent", "head", "size", "image for no machine", "latent for no machine", "beyond 64 bits"],
 )
 def test_weights_that_do_not_fit_are_refused(tmp_path: Path, change: dict[str, Any]) -> None:
-    save_checkpoint(tmp_path, small_model("vae"), {})
+    save_checkpoint(tmp_path, small_model("vae", fully_connected=True), {})
     path = tmp_path / "checkpoint.json"
     document = json.loads(path.read_text())
     document["model"].update(change)

@@ -41,10 +41,11 @@ def route(route_path: Path) -> Route:
 
 @pytest.fixture(scope="session")
 def make_config() -> MakeConfig:
-    """Makes a configuration that fits the small route: two steps an epoch."""
+    """Makes a configuration that fits the small route: two steps an epoch, unless told otherwise a small network."""
 
     def make(**values: Any) -> TrainConfig:
-        given = {"model": "cp-vae", "image_size": (32, 32), "held_out_gap": 2, "batch_size": 8, **values}
+        given = {"model": "cp-vae", "image_size": (32, 32), "held_out_gap": 2, "batch_size": 8}
+        given |= {"fully_connected": False, **values}
         if "epochs" not in given and "minutes" not in given:
             given["epochs"] = 2
         return TrainConfig.build(**given)

@@ -40,7 +40,7 @@ def run(
     route: Route, make_config: MakeConfig, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Path, TrainSummary, TrainConfig]:
     """A finished run of three epochs."""
-    out, config = tmp_path_factory.mktemp("runs") / "cp-vae", make_config(epochs=3)
+    out, config = tmp_path_factory.mktemp("runs") / "cp-vae", make_config(epochs=3, fully_connected=True)
     return out, train(route, config, out, save_every=0), config
 
 
@@ -284,7 +284,9 @@ def test_the_last_good_checkpoint_outlives_a_run_that_diverges(
     assert all(torch.isfinite(value).all() for value in load_checkpoint(out).model.state_dict().values())
 
 
-@pytest.mark.parametrize(("model", "remedy"), [("cp-vae", "place"), ("vae", "image")])
+@pytest.mark.parametrize(
+    ("model", "remedy"), [("cp-vae", "place"), pytest.param("vae", "image", marks=pytest.mark.slow)]
+)
 def test_a_block_that_collapses_is_warned_of_once(
     route: Route, make_config: MakeConfig, tmp_path: Path, model: str, remedy: str
 ) -> None:
@@ -297,6 +299,7 @@ def test_a_block_that_collapses_is_warned_of_once(
         batch_size=4,
         validate_every=16,
         learning_rate=1e-2,
+        fully_connected=True,
         fully_connected_rate=1.0,
     )
     with pytest.warns(CollapseWarning) as caught:

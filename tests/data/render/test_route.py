@@ -6,7 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -24,32 +24,54 @@ T = TypeVar("T")
 SMALL = RenderConfig(places=4, size=(24, 40), conditions=("winter", "rain"), seed=9)
 
 
+@pytest.fixture(scope="module")
+def rendered_by_workers(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Any]]:
+    """The small route by two processes, a frame at a time, and what answered Ctrl-C meanwhile."""
+    answers = []
+
+    def look(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
+        for item in items:
+            answers.append(signal.getsignal(signal.SIGINT))
+            yield item
+
+    out = tmp_path_factory.mktemp("rendered") / "route"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(route_module, "_BATCH", 1)
+        render_route(out, SMALL, progress=look, workers=2)
+    return out, answers
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small route, not to be written to."""
+    out = tmp_path_factory.mktemp("rendered") / "route"
+    render_route(out, SMALL)
+    return out
+
+
 def _files(root: Path) -> dict[str, bytes]:
     return {str(path.relative_to(root)): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()}
 
 
-def test_the_same_configuration_gives_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    render_route(tmp_path / "a", SMALL)
-    monkeypatch.setattr(route_module, "_BATCH", 1)
-    render_route(tmp_path / "b", SMALL, workers=2)
-    files = _files(tmp_path / "a")
-    assert files == _files(tmp_path / "b")
+def test_the_same_configuration_gives_the_same_bytes(
+    rendered: Path, rendered_by_workers: tuple[Path, list[Any]]
+) -> None:
+    files = _files(rendered)
+    assert files == _files(rendered_by_workers[0])
     names = [f"{stem:05d}.png" for stem in range(4)] + ["poses.csv"]
     assert sorted(files) == sorted(["route.toml", *(f"{c}/{name}" for c in ("winter", "rain") for name in names)])
 
 
-def test_seed_and_condition_change_the_frames_but_other_conditions_do_not(tmp_path: Path) -> None:
-    render_route(tmp_path / "both", SMALL)
+def test_seed_and_condition_change_the_frames_but_other_conditions_do_not(rendered: Path, tmp_path: Path) -> None:
     render_route(tmp_path / "one", SMALL.model_copy(update={"conditions": ("rain",)}))
     render_route(tmp_path / "other", SMALL.model_copy(update={"seed": 10, "conditions": ("rain",)}))
-    frame = (tmp_path / "both/rain/00002.png").read_bytes()
+    frame = (rendered / "rain/00002.png").read_bytes()
     assert frame == (tmp_path / "one/rain/00002.png").read_bytes()
     assert frame != (tmp_path / "other/rain/00002.png").read_bytes()
 
 
-def test_the_route_opens_with_its_conditions_and_poses(tmp_path: Path) -> None:
-    render_route(tmp_path / "route", SMALL)
-    route = open_route(tmp_path / "route")
+def test_the_route_opens_with_its_conditions_and_poses(rendered: Path) -> None:
+    route = open_route(rendered)
     assert route.tolerance == 1
     assert set(route.conditions) == {"winter", "rain"}
     assert route["rain"].stems == ("00000", "00001", "00002", "00003")
@@ -66,7 +88,8 @@ def test_the_route_opens_with_its_conditions_and_poses(tmp_path: Path) -> None:
 
 
 def test_jpeg_is_smaller(tmp_path: Path) -> None:
-    render_route(tmp_path / "jpg", SMALL.model_copy(update={"format": "jpg", "quality": 60}))
+    small = SMALL.model_copy(update={"conditions": ("rain",), "format": "jpg", "quality": 60})
+    render_route(tmp_path / "jpg", small)
     assert sorted(path.name for path in (tmp_path / "jpg/rain").iterdir())[0] == "00000.jpg"
     assert (tmp_path / "jpg/rain/00000.jpg").stat().st_size < 24 * 40 * 3 / 2
 
@@ -127,17 +150,8 @@ def test_ctrl_c_while_workers_start_is_answered_once(tmp_path: Path) -> None:
     assert not list(out.iterdir())
 
 
-def test_ctrl_c_works_again_once_workers_are_there(tmp_path: Path) -> None:
-    before = signal.getsignal(signal.SIGINT)
-    seen = []
-
-    def look(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
-        for item in items:
-            seen.append(signal.getsignal(signal.SIGINT))
-            yield item
-
-    render_route(tmp_path / "route", SMALL, progress=look, workers=2)
-    assert set(seen) == {before}
+def test_ctrl_c_works_again_once_workers_are_there(rendered_by_workers: tuple[Path, list[Any]]) -> None:
+    assert set(rendered_by_workers[1]) == {signal.getsignal(signal.SIGINT)}
 
 
 def test_an_empty_directory_is_filled_and_progress_counts_every_frame(tmp_path: Path) -> None:

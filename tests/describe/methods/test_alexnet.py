@@ -19,6 +19,7 @@ from everplace.describe.methods import alexnet
 from everplace.describe.network import NetworkDescriber
 from everplace.describe.projection import GaussianProjection
 from everplace.describe.registry import open_describer
+from everplace.downloads import fetching
 from everplace.errors import MethodError
 
 DIMENSION = 48  # instead of 4,096: the matrix of that many rows takes 1 GB
@@ -119,6 +120,7 @@ def test_without_network_and_weights_one_sentence_says_how_to_get_them(
     monkeypatch.setenv("EVERPLACE_CACHE", str(tmp_path))
     with pytest.raises(MethodError, match="download https://download.pytorch.org/.* and put it at"):
         alexnet.open_method("")  # opening alone asks no server
+    monkeypatch.setattr(fetching, "_ATTEMPTS_OFFLINE", 1)
     monkeypatch.setattr(alexnet, "WEIGHTS", replace(alexnet.WEIGHTS, url="http://127.0.0.1:9/alexnet-7be5be79.pth"))
     with pytest.raises(
         MethodError, match=r"AlexNet needs its published weights: cannot fetch http.*put it at"

@@ -29,6 +29,7 @@ def saved_run(run: Path, kind: ModelKind, channels: int = 1) -> ConditionVAE:
             "channels": channels,
             "conditions": () if kind == "vae" else ("a", "b"),
             "places": 4 if kind == "cp-vae" else 0,
+            "fully_connected": False,  # 90 MB at this size
         }
     )
     with torch.random.fork_rng():

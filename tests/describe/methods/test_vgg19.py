@@ -17,6 +17,7 @@ from torch.nn import functional
 from everplace.data.images import ImageSpec
 from everplace.describe.methods import vgg19
 from everplace.describe.registry import open_describer
+from everplace.downloads import fetching
 from everplace.errors import MethodError
 
 SaveRandomWeights: TypeAlias = Callable[[Path, Mapping[str, nn.Module]], dict[str, Tensor]]
@@ -91,6 +92,7 @@ def test_arguments_choose_layer_and_file(tmp_path: Path, monkeypatch: pytest.Mon
     for argument in ("./none.pth", "fc7:./none.pth", "pool4:none.pth"):
         with pytest.raises(MethodError, match=r"there is no weight file none\.pth"):
             open_describer(f"vgg19:{argument}")
+    monkeypatch.setattr(fetching, "_ATTEMPTS_OFFLINE", 1)
     monkeypatch.setattr(vgg19, "WEIGHTS", replace(vgg19.WEIGHTS, url="http://127.0.0.1:9/vgg19-dcbb9e9d.pth"))
     for argument in ("vgg19", "vgg19:pool4"):
         with pytest.raises(MethodError, match="VGG19 needs its published weights: .* put it at"):
