@@ -601,8 +601,10 @@ def test_the_real_seasons(shared_data: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     summary = import_route("nordland", shared_data / "nordland64", out)
     assert summary.traverses == {"summer": 2384, "winter": 2384}
-    assert summary.linked == 4768
+    linked = tmp_path.stat().st_dev == shared_data.stat().st_dev
+    assert summary.linked == (4768 if linked else 0)
     given_route, imported = open_route(shared_data / "nordland64"), open_route(out)
     assert imported.shared_stems() == given_route.shared_stems()
     path = imported["winter"].paths[1234]
-    assert path.resolve() == given_route["winter"].paths[1234].resolve()
+    original = given_route["winter"].paths[1234]
+    assert path.resolve() == original.resolve() if linked else path.read_bytes() == original.read_bytes()
