@@ -59,6 +59,9 @@ def test_blocks_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     for size in (1, 8, 8 * 4, 8 * 7):
         monkeypatch.setattr(route_filter, "_BLOCK", size)
         np.testing.assert_array_equal(filter_windows(S, 6), whole)
+    for size in (1, 8 * 3, 8 * 9):
+        monkeypatch.setattr(route_filter, "_EVIDENCE", size)
+        np.testing.assert_array_equal(filter_windows(S, 6), whole)
 
 
 def test_windows_are_causal() -> None:
