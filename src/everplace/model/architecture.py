@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 from everplace.model.config import ModelConfig
 from everplace.model.oriented_gradients import OrientedGradients
+from everplace.model.place_head import PlaceHead
 from everplace.model.posterior import LatentSplit, Posterior
 
 __all__ = [
@@ -19,7 +19,6 @@ __all__ = [
     "Encoder",
     "InstanceBatchNorm2d",
     "Output",
-    "PlaceHead",
     "feature_map",
     "hidden_widths",
     "strides",
@@ -208,50 +207,6 @@ class Decoder(nn.Module):
             x = convolution(x)
         mean: Tensor = self.output(x).float() + 0.5
         return mean
-
-
-class PlaceHead(nn.Module):
-    """p(p|z_p): a categorical over the training places by scaled cosine.
-
-    The logits are a learned scale times the cosine between z_p and a vector of each place, so that what the head is
-    trained to tell apart is what Eq. 6 compares. The vector of a place is a moving average of the posterior means of
-    its frames and not a free parameter (the non-parametric softmax of Wu et al. 2018): a place has as many frames as
-    there are conditions, too few to learn 96 numbers from by gradient. Decided; the paper is silent.
-
-    Attributes:
-        places: (places, dimensions), the vectors, of length 1.
-        log_scale: Logarithm of the scale.
-    """
-
-    KEPT = 0.5
-    """Share of a place's vector that one of its frames leaves as it is."""
-
-    places: Tensor
-
-    def __init__(self, dimensions: int, places: int) -> None:
-        super().__init__()
-        self.register_buffer("places", functional.normalize(torch.randn(places, dimensions), dim=1))
-        self.log_scale = nn.Parameter(torch.tensor(2.5))
-
-    def forward(self, z_p: Tensor) -> Tensor:
-        """(B, D) to logits (B, K)."""
-        # A copy, because the vectors move on before the gradient of this step is taken.
-        cosine = functional.linear(functional.normalize(z_p, dim=1), self.places.clone())
-        return cosine * self.log_scale.exp()
-
-    @torch.no_grad()
-    def follow(self, z_p: Tensor, places: Tensor) -> None:
-        """Moves the vectors of the places that a step has seen towards their frames.
-
-        Args:
-            z_p: (B, D), the frames' posterior means.
-            places: (B,), their places; a place may occur more than once.
-        """
-        seen, position = torch.unique(places, return_inverse=True)
-        sums = z_p.new_zeros(len(seen), z_p.shape[1]).index_add_(0, position, functional.normalize(z_p, dim=1))
-        mean = functional.normalize(sums, dim=1)
-        moved = self.KEPT * self.places[seen] + (1.0 - self.KEPT) * mean
-        self.places[seen] = functional.normalize(moved, dim=1)
 
 
 @dataclass(frozen=True, slots=True)
