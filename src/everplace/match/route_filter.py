@@ -1,7 +1,7 @@
 """Where on the route the robot is, from the frames so far: the forward recursion of `RouteModel`.
 
 `RouteFilter` takes one frame after the other and remembers all; `filter_windows` answers every frame of a traverse
-from the last L frames alone.
+from the last L frames, taken against the background of the places so far.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """The hidden Markov model of a drive along a known route: where the robot is, how it moves, what it sees.
 
 States are (place, direction of travel) for N places and two directions, and one state "not on the map". Each frame
-brings N scores, of any method. The idea of a state off the map beside the places of a route is that of Xu,
-Fischer, Sünderhauf and Milford, "Probabilistic Appearance-Invariant Topometric Localization with New Place
-Awareness", IEEE RA-L 6(4), 2021; motion and emission here need no odometry and no training.
+brings N scores, of any method; `everplace.match.route_evidence` says what they are worth after the frames before.
+The idea of a state off the map beside the places of a route is that of Xu, Fischer, Sünderhauf and Milford,
+"Probabilistic Appearance-Invariant Topometric Localization with New Place Awareness", IEEE RA-L 6(4), 2021; motion
+and emission here need no odometry and no training.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ class RouteModel:
     """What is assumed of a drive; probabilities are for one frame to the next.
 
     Attributes:
-        steps: Probability of moving by 0, 1, 2, ... places in the direction of travel; they sum to 1. Frames of a stop
-            hardly count, see `repeat`; 0 is a slow drive or a look that changed on the spot.
+        steps: Probability of moving by 0, 1, 2, ... places in the direction of travel, in a frame that is new; they
+            sum to 1. 0 is a slow drive, or a stop whose look changes.
         turn: Probability of turning round.
         jump: Probability of being somewhere else on the map, anywhere: a kidnapped robot, a gap in the recording.
         leave: Probability of leaving the map. Who drives past its first or last place leaves it as well.
