@@ -213,3 +213,8 @@ def test_drives_that_are_not_nested_keep_what_they_share(tiny_route: Path, asked
     stems = [traverse.stems for traverse in select_maps(route, selection).traverses]
     assert stems == [traverse.stems for traverse in select(route, selection).traverses]
     assert stems[0] == stems[1]
+
+
+def test_a_drive_that_lacks_a_few_frames_has_gaps_and_is_no_map(tiny_route: Path) -> None:
+    route = with_map(tiny_route, set(range(12)) - {4})
+    assert [len(traverse) for traverse in select_maps(route, Selection()).traverses] == [11, 11]

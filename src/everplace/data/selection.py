@@ -106,7 +106,7 @@ def select(route: Route, selection: Selection, progress: Progress = quiet, *, on
 
 
 def select_maps(route: Route, selection: Selection, progress: Progress = quiet) -> Route:
-    """Restricts a route as `select` does, but where a traverse has all places of a shorter one and more, it keeps more.
+    """Restricts a route as `select` does, but a traverse with all places of a shorter one and twice as many keeps more.
 
     Such a traverse is the map in which the shorter one looks for its places (Nordland's 2,760 queries against 27,592
     frames). Shared places are chosen as ever. Of the others a map keeps those between the first chosen place and the
@@ -217,9 +217,12 @@ def _standardise(frames: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 
 def _are_nested(route: Route) -> bool:
-    """Says whether each traverse, by length, has all stems of those before, and one has more than another."""
+    """Says whether each traverse, by length, has all stems of those before, and the longest is a map.
+
+    A map has at least twice the frames. A drive that lacks a few has gaps, and what is missing there takes no part.
+    """
     by_length = sorted(route.traverses, key=len)
-    if not route.stems_are_places or len(by_length[0]) == len(by_length[-1]):
+    if not route.stems_are_places or len(by_length[-1]) < 2 * len(by_length[0]):
         return False
     sets = [frozenset(traverse.stems) for traverse in by_length]
     return all(fewer <= more for fewer, more in pairwise(sets))

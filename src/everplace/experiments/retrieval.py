@@ -114,8 +114,8 @@ def choose_pair(
     """Restricts a route to two conditions and to the places that take part.
 
     Where the route tells the same places by poses or by a file of pairs, a frame needs no partner of the same
-    stem to take part. Where stems tell them and one traverse has all places of the other and more, it keeps the others
-    too (see `select_maps`): the pair's database is the whole map, and only the places of both ask.
+    stem to take part. Where stems tell them and one traverse has all places of the other and twice as many, it keeps
+    the others too (see `select_maps`): the pair's database is the whole map, and only the places of both ask.
 
     Returns:
         The route of these two traverses (one, if both are the same), and the pair.
