@@ -34,8 +34,6 @@ def test_something_happens_with_certainty(model: RouteModel, places: int) -> Non
         ({"steps": (1.5, -0.5)}, "steps"),
         ({"separation": -1.0}, "separation"),
         ({"doubt": -0.1}, "doubt"),
-        ({"background": 0.0}, "background"),
-        ({"repeat": float("inf")}, "repeat"),
     ],
 )
 def test_what_is_no_probability_is_refused_by_name(wrong: dict[str, object], named: str) -> None:

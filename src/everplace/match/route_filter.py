@@ -1,7 +1,7 @@
 """Where on the route the robot is, from the frames so far: the forward recursion of `RouteModel`.
 
 `RouteFilter` takes one frame after the other and remembers all; `filter_windows` answers every frame of a traverse
-from the last L frames, taken against the background of the places so far.
+from the last L frames alone.
 """
 
 from __future__ import annotations
@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 
 from everplace.data.images import usable_cores
 from everplace.errors import ConfigError, DescriptorsError
-from everplace.match.route_evidence import RouteEvidence
-from everplace.match.route_model import RouteModel, checked_scores
+from everplace.match.route_model import RouteModel, checked_scores, likelihood_ratios
 
 __all__ = ["Answer", "Belief", "RouteFilter", "answer", "filter_windows"]
 
 _BLOCK = 1 << 16  # states handled at once: half a MiB, which stays in a core's cache
-_EVIDENCE = 1 << 21  # likelihood ratios held at once, beside those of the L-1 frames before
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,23 +69,13 @@ class Belief:
         both: NDArray[np.float64] = self.on.sum(axis=1)
         return both
 
-    def move(self, model: RouteModel, exits: NDArray[np.float64], new: NDArray[np.float64]) -> None:
-        """Lets the time of one frame pass, as far as the frame is new: with probability 1 - w nothing moves.
+    def move(self, model: RouteModel, exits: NDArray[np.float64]) -> None:
+        """Lets the time of one frame pass.
 
         Args:
             model: The motion.
             exits: `model.exits(N)`.
-            new: B: w of the next frame of each robot, in [0, 1], see `RouteEvidence`.
         """
-        slow = np.flatnonzero(new < 1)
-        if len(slow):
-            share, on, off = new[slow], self.on[slow], self.off[slow]
-        self._move(model, exits)
-        if len(slow):
-            self.on[slow] = on + share[:, None, None] * (self.on[slow] - on)
-            self.off[slow] = off + share * (self.off[slow] - off)
-
-    def _move(self, model: RouteModel, exits: NDArray[np.float64]) -> None:
         places = self.on.shape[-1]
         total = self.on.sum(axis=(1, 2))
         anywhere = (model.jump * total + model.enter * self.off) / (2 * places)
@@ -105,7 +93,7 @@ class Belief:
         """Weighs the places by one frame each.
 
         Args:
-            ratios: B×N, of `RouteEvidence`, to the power of w.
+            ratios: B×N, of `likelihood_ratios`.
 
         Returns:
             B: the log-likelihood ratio of the frame, given those before, to a frame off the map.
@@ -142,7 +130,6 @@ class RouteFilter:
         self.reach = reach
         self._belief = Belief.start(self.model, 1, places)
         self._exits = self.model.exits(places)
-        self._evidence = RouteEvidence(places, self.model)
         self._frames = 0
 
     def update(self, scores: NDArray[Any]) -> Answer:
@@ -162,10 +149,9 @@ class RouteFilter:
             raise DescriptorsError(
                 f"a frame of scores of shape {np.shape(scores)} does not fit a map of {places} places"
             )
-        ratios, new = self._evidence.weigh(scores)
         if self._frames:
-            self._belief.move(self.model, self._exits, np.array([new]))
-        self._belief.see(ratios[None] ** new)
+            self._belief.move(self.model, self._exits)
+        self._belief.see(likelihood_ratios(scores, self.model)[None])
         self._frames += 1
         return answer(self.probabilities, self.reach)
 
@@ -184,11 +170,10 @@ def answer(probabilities: NDArray[np.float64], reach: int) -> Answer:
 
 
 def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None) -> NDArray[np.float32]:
-    """Scores every place by the last L frames.
+    """Scores every place by the last L frames alone.
 
-    Each query has a filter of its own that is nowhere before frame i-L+1: fewer frames at the start. Only the
-    background of the places and the usual change, which say nothing of where the robot is, are learnt from all frames
-    so far (`RouteEvidence`). With L of at least M it is `RouteFilter`.
+    Each query has a filter of its own that knows nothing before frame i-L+1: fewer frames at the start. With L of
+    at least M it is `RouteFilter`.
 
     Args:
         S: M×N scores; rows and columns in the order of travel; NaN: none.
@@ -209,61 +194,17 @@ def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None
     length = min(length, len(S))
     out = np.empty(S.shape, np.float32)
     exits = known.exits(S.shape[1])
-    size, many = max(1, _BLOCK // S.shape[1]), max(1, _EVIDENCE // S.shape[1])
-    evidence = RouteEvidence(S.shape[1], known)
-    frames = _Frames.none(S.shape[1])
+    size = max(1, _BLOCK // S.shape[1])
 
     def fill(start: int) -> None:
-        rows = slice(start, min(start + size, frames.end))
-        out[rows] = log_odds(_last_frames(frames, rows, length, known, exits))
+        rows = slice(start, min(start + size, len(S)))
+        belief = _last_frames(S, rows, length, known, exits)
+        out[rows] = log_odds(belief)
 
     with ThreadPoolExecutor(usable_cores(), "everplace-sequence") as pool:
-        for start in range(0, len(S), many):
-            frames = frames.last(length - 1).followed_by(*evidence.weigh_all(S[start : start + many]))
-            for _ in pool.map(fill, range(start, frames.end, size)):
-                pass
+        for _ in pool.map(fill, range(0, len(S), size)):
+            pass
     return out
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Frames:
-    """The evidence of F frames of a traverse.
-
-    Attributes:
-        begin: Row of the first.
-        alone: F×N likelihood ratios of each frame for those who have seen none before.
-        ratios: F×N, to the power of `new`: for those who have seen the frame before.
-        new: F: what is new to them.
-    """
-
-    begin: int
-    alone: NDArray[np.float64]
-    ratios: NDArray[np.float64]
-    new: NDArray[np.float64]
-
-    @classmethod
-    def none(cls, places: int) -> _Frames:
-        return cls(0, np.empty((0, places)), np.empty((0, places)), np.empty(0))
-
-    @property
-    def end(self) -> int:
-        """Row after the last frame."""
-        return self.begin + len(self.new)
-
-    def last(self, count: int) -> _Frames:
-        cut = max(len(self.new) - count, 0)
-        return _Frames(self.begin + cut, self.alone[cut:], self.ratios[cut:], self.new[cut:])
-
-    def followed_by(self, alone: NDArray[np.float64], new: NDArray[np.float64]) -> _Frames:
-        ratios = alone.copy()
-        partly = new < 1  # powers are slow
-        ratios[partly] **= new[partly, None]
-        return _Frames(
-            self.begin,
-            np.concatenate([self.alone, alone]),
-            np.concatenate([self.ratios, ratios]),
-            np.concatenate([self.new, new]),
-        )
 
 
 def log_odds(belief: Belief) -> NDArray[np.float64]:
@@ -277,18 +218,16 @@ def log_odds(belief: Belief) -> NDArray[np.float64]:
     return odds
 
 
-def _last_frames(frames: _Frames, rows: slice, length: int, model: RouteModel, exits: NDArray[np.float64]) -> Belief:
+def _last_frames(S: NDArray[Any], rows: slice, length: int, model: RouteModel, exits: NDArray[np.float64]) -> Belief:
     """The belief of every row from its last `length` frames."""
-    belief = Belief.start(model, rows.stop - rows.start, frames.ratios.shape[1])
+    first = max(rows.start - length + 1, 0)
+    ratios = likelihood_ratios(S[first : rows.stop], model)
+    belief = Belief.start(model, rows.stop - rows.start, S.shape[1])
     for ago in range(length - 1, -1, -1):
         begun = max(ago - rows.start, 0)  # the robots before it have no frame so long ago
         if begun >= rows.stop - rows.start:
             continue
-        moved = max(ago + 1 - rows.start, 0)
-        seen = slice(rows.start + begun - ago - frames.begin, rows.stop - ago - frames.begin)
-        if ago == length - 1:
-            belief[begun:].see(frames.alone[seen])
-        else:
-            belief[moved:].move(model, exits, frames.new[seen][moved - begun :])
-            belief[begun:].see(frames.ratios[seen])
+        if ago < length - 1:
+            belief[max(ago + 1 - rows.start, 0) :].move(model, exits)
+        belief[begun:].see(ratios[rows.start + begun - ago - first : rows.stop - ago - first])
     return belief

@@ -1,10 +1,9 @@
 """The hidden Markov model of a drive along a known route: where the robot is, how it moves, what it sees.
 
 States are (place, direction of travel) for N places and two directions, and one state "not on the map". Each frame
-brings N scores, of any method; `everplace.match.route_evidence` says what they are worth after the frames before.
-The idea of a state off the map beside the places of a route is that of Xu, Fischer, Sünderhauf and Milford,
-"Probabilistic Appearance-Invariant Topometric Localization with New Place Awareness", IEEE RA-L 6(4), 2021; motion
-and emission here need no odometry and no training.
+brings N scores, of any method. The idea of a state off the map beside the places of a route is that of Xu,
+Fischer, Sünderhauf and Milford, "Probabilistic Appearance-Invariant Topometric Localization with New Place
+Awareness", IEEE RA-L 6(4), 2021; motion and emission here need no odometry and no training.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from everplace.errors import ConfigError, DescriptorsError
 
-__all__ = ["RouteModel", "checked_scores", "likelihood_ratios", "standard_scores"]
+__all__ = ["RouteModel", "checked_scores", "likelihood_ratios"]
 
 _LARGEST = 50.0  # nats a frame may speak for a place: e^50 times a few hundred stays a double
 
@@ -27,8 +26,7 @@ class RouteModel:
     """What is assumed of a drive; probabilities are for one frame to the next.
 
     Attributes:
-        steps: Probability of moving by 0, 1, 2, ... places in the direction of travel, in a frame that is new; they
-            sum to 1. 0 is a slow drive, or a stop whose look changes.
+        steps: Probability of moving by 0, 1, 2, ... places in the direction of travel; they sum to 1. 0 is a stop.
         turn: Probability of turning round.
         jump: Probability of being somewhere else on the map, anywhere: a kidnapped robot, a gap in the recording.
         leave: Probability of leaving the map. Who drives past its first or last place leaves it as well.
@@ -37,8 +35,6 @@ class RouteModel:
         outlier: Share of frames whose scores say nothing about the true place: glare, a lorry, a wiper.
         doubt: Nats by which each frame counts against being on the map. Neighbouring frames look alike, so that along
             some path scores agree by chance more often than the model's independent frames would.
-        background: Frames as which the assumption counts that all places have the same background of scores.
-        repeat: Share of the usual change from frame to frame below which a frame is partly the last one again.
     """
 
     steps: tuple[float, ...] = (0.1, 0.75, 0.15)
@@ -49,15 +45,13 @@ class RouteModel:
     separation: float = 2.5
     outlier: float = 0.2
     doubt: float = 0.5
-    background: float = 20.0
-    repeat: float = 0.05
 
     def __post_init__(self) -> None:
         """Refuses values that are no probabilities.
 
         Raises:
-            ConfigError: A probability is outside (0, 1), `steps` do not sum to 1, `separation`, `background` or
-                `repeat` is not positive, or `doubt` is negative.
+            ConfigError: A probability is outside (0, 1), `steps` do not sum to 1, `separation` is not
+                positive, or `doubt` is negative.
         """
         for name in ("turn", "jump", "leave", "enter", "outlier"):
             if not 0 < getattr(self, name) < 1:
@@ -66,9 +60,8 @@ class RouteModel:
             raise ConfigError("jump and leave of the route model must sum to less than 1")
         if min(self.steps, default=-1) < 0 or not abs(sum(self.steps) - 1) < 1e-9:
             raise ConfigError(f"steps = {self.steps} of the route model must be probabilities that sum to 1")
-        for name in ("separation", "background", "repeat"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ConfigError(f"{name} = {getattr(self, name)} of the route model must be a positive number")
+        if not (np.isfinite(self.separation) and self.separation > 0):
+            raise ConfigError(f"separation = {self.separation} of the route model must be a positive number")
         if not 0 <= self.doubt < np.inf:
             raise ConfigError(f"doubt = {self.doubt} of the route model must be 0 or a positive number")
 
@@ -114,9 +107,16 @@ def likelihood_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.flo
     Returns:
         ...×N, at least ε exp(-`doubt`).
     """
+    S = np.asarray(scores, np.float64)
+    known: Any = np.isfinite(S)
+    count = np.maximum(known.sum(axis=-1, keepdims=True), 1)
+    known = True if known.all() else known  # sums over a mask are slow
+    mean = S.sum(axis=-1, keepdims=True, where=known) / count
+    z = S - mean
+    spread = np.sqrt(np.square(z).sum(axis=-1, keepdims=True, where=known) / count)
     d = model.separation
-    z = standard_scores(scores)
-    z *= d
+    varies = spread > 1e-12 * np.abs(mean)  # less is rounding
+    z *= np.divide(d, spread, out=np.full_like(spread, np.nan), where=varies)
     z -= d * d / 2
     ratios: NDArray[np.float64] = np.exp(np.minimum(z, _LARGEST))
     ratios *= 1 - model.outlier
@@ -124,27 +124,6 @@ def likelihood_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.flo
     ratios *= np.exp(-model.doubt)
     ratios[np.isnan(ratios)] = 1.0
     return ratios
-
-
-def standard_scores(scores: NDArray[Any]) -> NDArray[np.float64]:
-    """Returns (score - mean) / standard deviation over each frame's own scores.
-
-    Args:
-        scores: ...×N, higher = more alike. NaN stays NaN; infinities stay and do not count for mean and deviation.
-
-    Returns:
-        ...×N; NaN throughout for a frame whose scores are all equal.
-    """
-    S = np.asarray(scores, np.float64)
-    known: Any = np.isfinite(S)
-    count = np.maximum(known.sum(axis=-1, keepdims=True), 1)
-    known = True if known.all() else known  # sums over a mask are slow
-    mean = S.sum(axis=-1, keepdims=True, where=known) / count
-    z: NDArray[np.float64] = S - mean
-    spread = np.sqrt(np.square(z).sum(axis=-1, keepdims=True, where=known) / count)
-    varies = spread > 1e-12 * np.abs(mean)  # less is rounding
-    z /= np.where(varies, spread, np.nan)
-    return z
 
 
 def checked_scores(S: NDArray[Any]) -> NDArray[Any]:

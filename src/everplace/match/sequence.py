@@ -21,9 +21,9 @@ SEQUENCE_METHODS: tuple[SequenceMethod, ...] = get_args(SequenceMethod)
 def search_sequences(S: NDArray[Any], length: int, method: SequenceMethod = "filter") -> NDArray[np.floating[Any]]:
     """Scores every place by the last L frames, causally, with one of the searches.
 
-    "filter" is `everplace.match.route_filter.filter_windows`, which follows any motion, takes the background of the
-    places from all frames so far and gives log-odds; "seqslam" is `everplace.match.seqslam.seqslam`, which wants an
-    even speed; "mean" is `average_sequences`, which wants frames that are as far apart as those of the database.
+    "filter" is `everplace.match.route_filter.filter_windows`, which follows any motion and gives log-odds; "seqslam"
+    is `everplace.match.seqslam.seqslam`, which wants an even speed; "mean" is `average_sequences`, which wants frames
+    that are as far apart as those of the database.
 
     Args:
         S: M×N scores; rows and columns in the order of travel.
