@@ -2,20 +2,35 @@
 
 from __future__ import annotations
 
-from itertools import product
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
+from everplace.match import frame_change
 from everplace.match.route_model import RouteModel, likelihood_ratios
 
 MODELS = (
     RouteModel(),
     RouteModel(
-        steps=(0.2, 0.3, 0.1, 0.4), turn=0.3, jump=0.2, leave=0.15, enter=0.4, separation=1.0, outlier=0.05, doubt=0.0
+        steps=(0.2, 0.3, 0.1, 0.4),
+        forward=0.3,
+        turn=0.3,
+        jump=0.2,
+        leave=0.15,
+        enter=0.4,
+        separation=1.0,
+        outlier=0.05,
+        doubt=0.0,
+        repeat=3.0,
     ),
-    RouteModel(steps=(1.0,), turn=0.01, jump=1e-6, leave=0.5, enter=0.9, separation=4.0, outlier=0.5, doubt=2.0),
+    RouteModel(
+        steps=(1.0,), turn=0.01, jump=1e-6, leave=0.5, enter=0.9, separation=4.0, outlier=0.5, doubt=2.0, repeat=1.0
+    ),
 )
 
 
@@ -26,14 +41,41 @@ def transitions(model: RouteModel, places: int) -> NDArray[np.float64]:
     for direction, place in product((0, 1), range(places)):
         start = direction * places + place
         T[start, off] += model.leave
-        T[start, :off] += model.jump / off
+        T[start, :off] += model.jump * anywhere(model, places)
         for heading, (offset, step) in product((0, 1), enumerate(model.steps)):
             p = model.stay * step * (model.turn if heading != direction else 1 - model.turn)
             end = place + (-offset if heading else offset)
             T[start, heading * places + end if 0 <= end < places else off] += p
-    T[off, :off] = model.enter / off
+    T[off, :off] = model.enter * anywhere(model, places)
     T[off, off] = 1 - model.enter
     return T
+
+
+@contextmanager
+def correlations_of_few_places() -> Iterator[None]:
+    """Lets maps of two places tell what is new, so that small cases have it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(frame_change, "_FEWEST", 2)
+        yield
+
+
+def anywhere(model: RouteModel, places: int) -> NDArray[np.float64]:
+    return np.repeat([model.forward, 1 - model.forward], places) / places
+
+
+def news(model: RouteModel, S: NDArray[Any]) -> NDArray[np.float64]:
+    """M shares of what is new in each frame, for scores without gaps and constant rows."""
+    changes, counts = [0.5] * 5, [1.0] * 5
+    found = [1.0]
+    for before, after in pairwise(S):
+        change = 1 - np.corrcoef(before, after)[0, 1] if len(before) > 1 else np.nan
+        found.append(
+            1.0 if np.isnan(change) else min(1.0, change / (model.repeat * np.average(changes, weights=counts)))
+        )
+        if not np.isnan(change):
+            changes.append(change)
+            counts.append(found[-1])
+    return np.array(found)
 
 
 def likelihoods(model: RouteModel, S: NDArray[Any]) -> NDArray[np.float64]:
@@ -43,15 +85,15 @@ def likelihoods(model: RouteModel, S: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def beginning(model: RouteModel, places: int) -> NDArray[np.float64]:
-    return np.append(np.full(2 * places, model.start / (2 * places)), 1 - model.start)
+    return np.append(model.start * anywhere(model, places), 1 - model.start)
 
 
 def forward(model: RouteModel, S: NDArray[Any]) -> NDArray[np.float64]:
     """M×(2N+1): P(state i | frames 0 .. i)."""
     T, seen = transitions(model, S.shape[1]), likelihoods(model, S)
     rows = [beginning(model, S.shape[1]) * seen[0]]
-    for ratios in seen[1:]:
-        rows.append(rows[-1] @ T * ratios)
+    for ratios, new in zip(seen[1:], news(model, S)[1:], strict=True):
+        rows.append((new * rows[-1] @ T + (1 - new) * rows[-1]) * ratios**new)
     return np.array([row / row.sum() for row in rows])
 
 
@@ -59,9 +101,11 @@ def every_path(model: RouteModel, S: NDArray[Any]) -> tuple[NDArray[np.int64], N
     """All (2N+1)^M paths and their probabilities with the frames."""
     T, seen, start = transitions(model, S.shape[1]), likelihoods(model, S), beginning(model, S.shape[1])
     paths = np.array(list(product(range(2 * S.shape[1] + 1), repeat=len(S))))
+    new = news(model, S)
     p = start[paths[:, 0]] * seen[0, paths[:, 0]]
     for frame in range(1, len(S)):
-        p = p * T[paths[:, frame - 1], paths[:, frame]] * seen[frame, paths[:, frame]]
+        steps = new[frame] * T + (1 - new[frame]) * np.eye(len(T))
+        p = p * steps[paths[:, frame - 1], paths[:, frame]] * seen[frame, paths[:, frame]] ** new[frame]
     return paths, p
 
 

@@ -34,6 +34,8 @@ def test_something_happens_with_certainty(model: RouteModel, places: int) -> Non
         ({"steps": (1.5, -0.5)}, "steps"),
         ({"separation": -1.0}, "separation"),
         ({"doubt": -0.1}, "doubt"),
+        ({"repeat": 0.0}, "repeat"),
+        ({"forward": 1.0}, "forward"),
     ],
 )
 def test_what_is_no_probability_is_refused_by_name(wrong: dict[str, object], named: str) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from everplace.data.images import usable_cores
 from everplace.errors import ConfigError, DescriptorsError
+from everplace.match.frame_change import UsualChange, change_between, frame_changes
 from everplace.match.route_model import RouteModel, checked_scores, likelihood_ratios
 
 __all__ = ["Answer", "Belief", "RouteFilter", "answer", "filter_windows"]
@@ -57,7 +58,8 @@ class Belief:
     @classmethod
     def start(cls, model: RouteModel, robots: int, places: int) -> Belief:
         """Before the first frame: anywhere, in either direction."""
-        return cls(np.full((robots, 2, places), model.start / (2 * places)), np.full(robots, 1 - model.start))
+        on = np.broadcast_to(model.start * model.anywhere(places), (robots, 2, places))
+        return cls(on.copy(), np.full(robots, 1 - model.start))
 
     def __getitem__(self, rows: slice) -> Belief:
         """The same probabilities of some of the robots, not copied."""
@@ -69,16 +71,25 @@ class Belief:
         both: NDArray[np.float64] = self.on.sum(axis=1)
         return both
 
-    def move(self, model: RouteModel, exits: NDArray[np.float64]) -> None:
-        """Lets the time of one frame pass.
+    def move(self, model: RouteModel, exits: NDArray[np.float64], new: NDArray[np.float64]) -> None:
+        """Lets the time of one frame pass, as far as the frame is new: with probability 1 - w nothing moves.
 
         Args:
             model: The motion.
             exits: `model.exits(N)`.
+            new: B: w of the next frame of each robot, in [0, 1], of `UsualChange.take`.
         """
+        standing = np.flatnonzero(new < 1)
+        share, on, off = new[standing], self.on[standing], self.off[standing]
+        self._move(model, exits)
+        if len(standing):
+            self.on[standing] = on + share[:, None, None] * (self.on[standing] - on)
+            self.off[standing] = off + share * (self.off[standing] - off)
+
+    def _move(self, model: RouteModel, exits: NDArray[np.float64]) -> None:
         places = self.on.shape[-1]
         total = self.on.sum(axis=(1, 2))
-        anywhere = (model.jump * total + model.enter * self.off) / (2 * places)
+        somewhere = model.jump * total + model.enter * self.off
         self.off[:] = (1 - model.enter) * self.off + np.einsum("bdn,dn->b", self.on, exits)
         headed = model.turned(self.on)
         headed *= model.stay
@@ -87,17 +98,21 @@ class Belief:
             moved = headed * probability
             self.on[:, 0, offset:] += moved[:, 0, :-offset]
             self.on[:, 1, :-offset] += moved[:, 1, offset:]
-        self.on += anywhere[:, None, None]
+        self.on += somewhere[:, None, None] * model.anywhere(places)
 
-    def see(self, ratios: NDArray[np.float64]) -> NDArray[np.float64]:
+    def see(self, ratios: NDArray[np.float64], new: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
         """Weighs the places by one frame each.
 
         Args:
             ratios: B×N, of `likelihood_ratios`.
+            new: B: what is new in it, as in `move`; None: all.
 
         Returns:
             B: the log-likelihood ratio of the frame, given those before, to a frame off the map.
         """
+        if new is not None and (new < 1).any():  # powers are slow
+            ratios = ratios.copy()
+            ratios[new < 1] **= new[new < 1, None]
         self.on *= ratios[:, None, :]
         total: NDArray[np.float64] = self.on.sum(axis=(1, 2)) + self.off
         self.on /= total[:, None, None]
@@ -130,7 +145,8 @@ class RouteFilter:
         self.reach = reach
         self._belief = Belief.start(self.model, 1, places)
         self._exits = self.model.exits(places)
-        self._frames = 0
+        self._usual = UsualChange.start(1)
+        self._last: NDArray[np.float64] | None = None
 
     def update(self, scores: NDArray[Any]) -> Answer:
         """Takes the next frame.
@@ -149,10 +165,13 @@ class RouteFilter:
             raise DescriptorsError(
                 f"a frame of scores of shape {np.shape(scores)} does not fit a map of {places} places"
             )
-        if self._frames:
-            self._belief.move(self.model, self._exits)
-        self._belief.see(likelihood_ratios(scores, self.model)[None])
-        self._frames += 1
+        new = None
+        if self._last is not None:
+            change = change_between(self._last, scores)
+            new = self._usual.take(np.array([change]), self.model.repeat)
+            self._belief.move(self.model, self._exits, new)
+        self._last = np.array(scores, np.float64)
+        self._belief.see(likelihood_ratios(scores, self.model)[None], new)
         return answer(self.probabilities, self.reach)
 
     @property
@@ -193,12 +212,12 @@ def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None
     known = RouteModel() if model is None else model
     length = min(length, len(S))
     out = np.empty(S.shape, np.float32)
-    exits = known.exits(S.shape[1])
+    exits, changes = known.exits(S.shape[1]), frame_changes(S)
     size = max(1, _BLOCK // S.shape[1])
 
     def fill(start: int) -> None:
         rows = slice(start, min(start + size, len(S)))
-        belief = _last_frames(S, rows, length, known, exits)
+        belief = _last_frames(S, changes, rows, length, known, exits)
         out[rows] = log_odds(belief)
 
     with ThreadPoolExecutor(usable_cores(), "everplace-sequence") as pool:
@@ -218,16 +237,26 @@ def log_odds(belief: Belief) -> NDArray[np.float64]:
     return odds
 
 
-def _last_frames(S: NDArray[Any], rows: slice, length: int, model: RouteModel, exits: NDArray[np.float64]) -> Belief:
+def _last_frames(
+    S: NDArray[Any],
+    changes: NDArray[np.float64],
+    rows: slice,
+    length: int,
+    model: RouteModel,
+    exits: NDArray[np.float64],
+) -> Belief:
     """The belief of every row from its last `length` frames."""
     first = max(rows.start - length + 1, 0)
     ratios = likelihood_ratios(S[first : rows.stop], model)
-    belief = Belief.start(model, rows.stop - rows.start, S.shape[1])
+    robots = rows.stop - rows.start
+    belief, usual = Belief.start(model, robots, S.shape[1]), UsualChange.start(robots)
     for ago in range(length - 1, -1, -1):
-        begun = max(ago - rows.start, 0)  # the robots before it have no frame so long ago
-        if begun >= rows.stop - rows.start:
-            continue
-        if ago < length - 1:
-            belief[max(ago + 1 - rows.start, 0) :].move(model, exits)
-        belief[begun:].see(ratios[rows.start + begun - ago - first : rows.stop - ago - first])
+        frame = rows.start - ago  # of the first robot
+        begun = min(max(-frame, 0), robots)  # the robots before it have no frame so long ago
+        moved = robots if ago == length - 1 else min(max(1 - frame, 0), robots)  # and those before it none before that
+        belief[begun:moved].see(ratios[frame + begun - first : frame + moved - first])
+        rest = belief[moved:]
+        new = usual[moved:].take(changes[frame + moved : rows.stop - ago], model.repeat)
+        rest.move(model, exits, new)
+        rest.see(ratios[frame + moved - first : rows.stop - ago - first], new)
     return belief

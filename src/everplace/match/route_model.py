@@ -26,7 +26,9 @@ class RouteModel:
     """What is assumed of a drive; probabilities are for one frame to the next.
 
     Attributes:
-        steps: Probability of moving by 0, 1, 2, ... places in the direction of travel; they sum to 1. 0 is a stop.
+        steps: Probability of moving by 0, 1, 2, ... places in the direction of travel, in a frame that is new; they
+            sum to 1.
+        forward: Probability of driving in the order of the database where nothing is known of it.
         turn: Probability of turning round.
         jump: Probability of being somewhere else on the map, anywhere: a kidnapped robot, a gap in the recording.
         leave: Probability of leaving the map. Who drives past its first or last place leaves it as well.
@@ -35,9 +37,13 @@ class RouteModel:
         outlier: Share of frames whose scores say nothing about the true place: glare, a lorry, a wiper.
         doubt: Nats by which each frame counts against being on the map. Neighbouring frames look alike, so that along
             some path scores agree by chance more often than the model's independent frames would.
+        repeat: Share of the usual change from frame to frame below which a frame is partly the last one again: with
+            what is new in it as w (`everplace.match.frame_change`), its ratios count to the power of w, and the robot
+            has moved with probability w.
     """
 
-    steps: tuple[float, ...] = (0.1, 0.75, 0.15)
+    steps: tuple[float, ...] = (0.08, 0.74, 0.18)
+    forward: float = 0.9
     turn: float = 0.01
     jump: float = 0.001
     leave: float = 0.01
@@ -45,23 +51,25 @@ class RouteModel:
     separation: float = 2.5
     outlier: float = 0.2
     doubt: float = 0.5
+    repeat: float = 0.03
 
     def __post_init__(self) -> None:
         """Refuses values that are no probabilities.
 
         Raises:
-            ConfigError: A probability is outside (0, 1), `steps` do not sum to 1, `separation` is not
-                positive, or `doubt` is negative.
+            ConfigError: A probability is outside (0, 1), `steps` do not sum to 1, `separation` or `repeat` is
+                not positive, or `doubt` is negative.
         """
-        for name in ("turn", "jump", "leave", "enter", "outlier"):
+        for name in ("forward", "turn", "jump", "leave", "enter", "outlier"):
             if not 0 < getattr(self, name) < 1:
                 raise ConfigError(f"{name} = {getattr(self, name)} of the route model must lie between 0 and 1")
         if self.jump + self.leave >= 1:
             raise ConfigError("jump and leave of the route model must sum to less than 1")
         if min(self.steps, default=-1) < 0 or not abs(sum(self.steps) - 1) < 1e-9:
             raise ConfigError(f"steps = {self.steps} of the route model must be probabilities that sum to 1")
-        if not (np.isfinite(self.separation) and self.separation > 0):
-            raise ConfigError(f"separation = {self.separation} of the route model must be a positive number")
+        for name in ("separation", "repeat"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ConfigError(f"{name} = {getattr(self, name)} of the route model must be a positive number")
         if not 0 <= self.doubt < np.inf:
             raise ConfigError(f"doubt = {self.doubt} of the route model must be 0 or a positive number")
 
@@ -74,6 +82,10 @@ class RouteModel:
     def start(self) -> float:
         """Probability of being on the map before the first frame: the share of time that entering and leaving give."""
         return self.enter / (self.enter + self.leave)
+
+    def anywhere(self, places: int) -> NDArray[np.float64]:
+        """Returns 2×1: the probability of every place, by direction, of a robot that is on the map, no more known."""
+        return np.array([[self.forward], [1 - self.forward]]) / places
 
     def turned(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Mixes the directions (axis -2) by the probability of turning round."""
