@@ -19,18 +19,22 @@ from everplace.experiments.retrieval import Matching, Truth
 from everplace.files import write_text
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
-from studies import sequences
+from studies import comparisons, sequences
 from studies.protocols import PROTOCOLS, Protocol
+from studies.tables import spread
 
 SCORES = ("recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP")
 
 
 def main() -> None:
-    if sys.argv[1:2] == ["sequences"]:
-        sequences.main(sys.argv[2:])
+    others = {"sequences": sequences.main, "comparisons": comparisons.main}
+    if sys.argv[1:] and sys.argv[1] in others:
+        others[sys.argv[1]](sys.argv[2:])
         return
     parser = argparse.ArgumentParser(prog="python -m studies", description=__doc__)
-    parser.add_argument("study", choices=list(PROTOCOLS), help="or sequences, which has options of its own")
+    parser.add_argument(
+        "study", choices=list(PROTOCOLS), help="or sequences or comparisons, which have options of their own"
+    )
     parser.add_argument("--data", type=Path, required=True, help="directory that holds the study's route")
     parser.add_argument("--out", type=Path, required=True, help="directory for runs, ledger and table.md")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
@@ -150,7 +154,7 @@ def _line(name: str, entries: list[dict[str, Any]], pair: int) -> str:
     ]
     seconds = [entry["seconds"] for entry in entries if "seconds" in entry]
     training = f"{statistics.mean(seconds) / 60:.1f} min" if seconds else "none"
-    cells = [name, str(measured[0]["dimension"]), *map(_spread, values), training]
+    cells = [name, str(measured[0]["dimension"]), *map(spread, values), training]
     return "| " + " | ".join(cells) + " |"
 
 
@@ -170,19 +174,14 @@ def _audit_lines(protocol: Protocol, ledger: dict[str, Any]) -> list[str]:
         if not audits:
             continue
         cells = [
-            _spread([max(a["condition_from_z_p"]["linear"], a["condition_from_z_p"]["mlp"]) for a in audits]),
-            _spread([max(a["condition_from_z_c"]["linear"], a["condition_from_z_c"]["mlp"]) for a in audits]),
-            *(_spread([a["recall_at_1"][block] for a in audits]) for block in ("z_p", "z_c", "z")),
-            *(_spread([a["swap"][k] for a in audits], 4) for k in ("mean_z_c", "unchanged", "mean_image")),
+            spread([max(a["condition_from_z_p"]["linear"], a["condition_from_z_p"]["mlp"]) for a in audits]),
+            spread([max(a["condition_from_z_c"]["linear"], a["condition_from_z_c"]["mlp"]) for a in audits]),
+            *(spread([a["recall_at_1"][block] for a in audits]) for block in ("z_p", "z_c", "z")),
+            *(spread([a["swap"][k] for a in audits], 4) for k in ("mean_z_c", "unchanged", "mean_image")),
             " / ".join(f"{statistics.mean(a['active_dimensions'][b] for a in audits):.0f}" for b in ("z_p", "z_c")),
         ]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return lines
-
-
-def _spread(values: list[float], digits: int = 3) -> str:
-    mean = f"{statistics.mean(values):.{digits}f}"
-    return f"{mean} ± {statistics.stdev(values):.{digits}f}" if len(values) > 1 else mean
 
 
 if __name__ == "__main__":
