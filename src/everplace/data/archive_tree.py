@@ -100,11 +100,15 @@ class ArchiveTree:
             if key in self._others:
                 raise self._ambiguous(key)
             index = self._holder[key]
-            wanted.setdefault(index, {}).setdefault(self._member(index, key), []).append(name)
+            member = self._member(index, key)
+            if (index, member) in self._kept:
+                yield name, Encoded(self._kept[index, member], _ending(name))
+            else:
+                wanted.setdefault(index, {}).setdefault(member, []).append(name)
         for index, members in wanted.items():
             for member, data in read_members(self._mounts[index][1], members):
                 for name in members[member]:
-                    yield name, Encoded(data, os.path.splitext(name)[1])  # noqa: PTH122
+                    yield name, Encoded(data, _ending(name))
 
     @cached_property
     def _directories(self) -> dict[str, tuple[dict[str, None], list[str]]]:
@@ -222,6 +226,10 @@ def _find_content(archive: Path, member: str) -> bytes:
                 "read from inside an archive; unpack it"
             )
     raise RouteError(f"{readable(archive)} no longer holds {readable(member)}; get it again")
+
+
+def _ending(name: str) -> str:
+    return os.path.splitext(name)[1]  # noqa: PTH122 - a path object for each frame takes long
 
 
 def _is_visible(name: str) -> bool:

@@ -16,7 +16,8 @@ from everplace.files import readable
 
 __all__ = ["AnyPath", "TreePath", "find_data_set", "find_places"]
 
-_DEEPEST = 3  # a data set may lie in a directory of the archive, and that in another
+# A data set may lie in a directory of the archive, and that in another; KITTI's sequences lie two levels below.
+_DEEPEST = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +96,7 @@ def find_places(source: Path, wanted: Callable[[TreePath], bool], *, apart: bool
             are the same in all. Otherwise they lie where the archive lies.
 
     Returns:
-        All at the level nearest to the top, in natural order; none: there is none down to the third level.
+        All at the level nearest to the top, in natural order; none: there is none down to the fourth level.
 
     Raises:
         RouteError: The source is neither, cannot be listed, or an archive is damaged or dangerous.
