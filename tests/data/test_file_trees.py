@@ -1,16 +1,24 @@
+"""Directories as trees of files, and that archives of them are the same trees."""
+
 from __future__ import annotations
 
-import tarfile
-import warnings
-import zipfile
+import os
 from pathlib import Path
+from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.data.packing import pack
+from tests.fuzzing import fuzzed
 
-from everplace.data.archive_tree import ArchiveTree, open_trees
-from everplace.data.file_trees import FolderTree
+from everplace.data.archive_tree import ArchiveTree
+from everplace.data.file_trees import FileTree, FolderTree, files_below
 from everplace.data.sources.protocol import Encoded
 from everplace.errors import RouteError
+
+HIDDEN = (".hidden.png", "b/._9.jpg", ".git/1.png")
+NAMES = ("0.png", "b/10.PNG", "b/9.jpg", "b/notes.txt", "a/deep/er/1.webp", "a/deep2.bmp", "png")
 
 
 def make(root: Path, *names: str) -> Path:
@@ -20,24 +28,43 @@ def make(root: Path, *names: str) -> Path:
     return root
 
 
-def test_a_folder_and_an_archive_of_it_hold_the_same(tmp_path: Path) -> None:
-    names = ("b/10.PNG", "b/9.jpg", "a/deep/er/1.webp", "0.png")
-    make(tmp_path / "f", *names, ".hidden.png", "b/._9.jpg", "b/notes.txt", ".git/1.png", "png", "__MACOSX/b/9.txt")
-    with tarfile.open(tmp_path / "a.tar.gz", "w:gz") as archive:
-        archive.add(tmp_path / "f", ".")
-    folder, packed = FolderTree(tmp_path / "f"), ArchiveTree(tmp_path / "a.tar.gz")
-    assert folder.images == ("0.png", "a/deep/er/1.webp", "b/9.jpg", "b/10.PNG")
+def answers(tree: FileTree, name: str) -> dict[str, Any]:
+    said: dict[str, Any] = {"file": tree.is_file(name), "directory": tree.is_dir(name)}
+    if said["file"]:
+        with tree.open(name) as file:
+            said["content"] = file.read()
+    if said["directory"]:
+        said |= {"children": tree.children(name), "files": sorted(tree.files(name))}
+    return said
+
+
+def test_a_directory_and_an_archive_of_it_hold_the_same_images(tmp_path: Path) -> None:
+    folder = FolderTree(make(tmp_path / "f", *NAMES, *HIDDEN))
+    packed = ArchiveTree(pack(tmp_path / "f", tmp_path / "f.tar.gz", "./"))
+    assert folder.images == ("0.png", "a/deep2.bmp", "a/deep/er/1.webp", "b/9.jpg", "b/10.PNG")
     assert set(packed.images) == set(folder.images)
+    assert (folder.label, packed.label) == ("f", "f")
     wanted = ["b/10.PNG", "0.png"]
     assert list(folder.read(wanted)) == [(name, tmp_path / "f" / name) for name in wanted]
     assert dict(packed.read(wanted)) == {"b/10.PNG": Encoded(b"b/10.PNG", ".PNG"), "0.png": Encoded(b"0.png", ".png")}
 
 
-def test_macos_leftovers_in_a_zip_are_no_images(tmp_path: Path) -> None:
-    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
-        for name in ("winter/1.png", "__MACOSX/winter/1.png", "__MACOSX/winter/._1.png"):
-            archive.writestr(name, b"")
-    assert ArchiveTree(tmp_path / "a.zip").images == ("winter/1.png",)
+@fuzzed(60)
+@given(st.lists(st.sampled_from(["a", "b", "deep", "er", ".", "..", "10.PNG", "1.webp", "notes.txt"]), max_size=4))
+def test_a_directory_and_an_archive_of_it_answer_alike(tmp_path: Path, parts: list[str]) -> None:
+    if not (tmp_path / "f").exists():
+        pack(make(tmp_path / "f", *NAMES, *HIDDEN), tmp_path / "f.zip")
+    name = "/".join(parts)
+    if ".." in os.path.normpath(name):
+        assert answers(ArchiveTree(tmp_path / "f.zip"), name) == {"file": False, "directory": False}
+    elif ".." not in parts:
+        assert answers(ArchiveTree(tmp_path / "f.zip"), name) == answers(FolderTree(tmp_path / "f"), name)
+
+
+def test_names_that_no_disk_takes_are_not_there(tmp_path: Path) -> None:
+    for name in ("a" * 5000, "a\0b"):
+        assert not FolderTree(tmp_path).is_file(name)
+        assert not FolderTree(tmp_path).is_dir(name)
 
 
 def test_a_directory_that_holds_itself_ends(tmp_path: Path) -> None:
@@ -46,28 +73,13 @@ def test_a_directory_that_holds_itself_ends(tmp_path: Path) -> None:
     assert FolderTree(tmp_path / "f").images == ("a/1.png",)
 
 
-def test_a_name_twice_in_an_archive_is_refused(tmp_path: Path) -> None:
-    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        archive.writestr("1.png", b"a")
-        archive.writestr("1.png", b"b")
-    with pytest.raises(RouteError, match=r"a\.zip holds '1\.png' twice"):
-        ArchiveTree(tmp_path / "a.zip")
+def test_a_missing_directory_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(RouteError, match="cannot list .*gone: No such file or directory"):
+        FolderTree(tmp_path / "gone").children("")
+    with pytest.raises(RouteError, match="cannot list .*gone/b: No such file"):
+        list(FolderTree(tmp_path / "gone").files("b"))
 
 
-def test_archives_are_found_one_level_down(tmp_path: Path) -> None:
-    make(tmp_path / "f", "1.png", "data/x.txt", "data/deeper/far.tar")
-    with zipfile.ZipFile(tmp_path / "f/data/a.zip", "w") as archive:
-        archive.writestr("2.png", b"")
-    assert [(tree.path.name, tree.images) for tree in open_trees(tmp_path / "f")] == [
-        ("f", ("1.png",)),
-        ("a.zip", ("2.png",)),
-    ]
-
-
-def test_nothing_to_read_is_an_error(tmp_path: Path) -> None:
-    make(tmp_path / "f", "readme.txt")
-    with pytest.raises(RouteError, match="holds no image"):
-        open_trees(tmp_path / "f")
-    with pytest.raises(RouteError, match="neither a directory nor a tar or zip archive"):
-        open_trees(tmp_path / "f/readme.txt")
+def test_files_are_found_down_to_a_level(tmp_path: Path) -> None:
+    make(tmp_path, "10.zip", "9.zip", "a/1.zip", "a/b/2.zip", "a/notes.txt", ".h/3.zip")
+    assert list(files_below(tmp_path, lambda name: name.endswith(".zip"), 1)) == ["9.zip", "10.zip", "a/1.zip"]
