@@ -23,7 +23,7 @@ from tests.data.sources import (
     test_vpr,
     test_vprbench,
 )
-from tests.fuzzing import fuzzed
+from tests.fuzzing import DAMAGE, Damage, fuzzed
 
 from everplace.data import tar_stream
 from everplace.data.importing import import_route
@@ -260,11 +260,10 @@ def test_an_archive_that_leads_outside_is_refused_and_nothing_is_written(
 @given(
     kind=st.sampled_from(["vpr", "vprbench"]),
     form=st.sampled_from(["zip", "tar", "tar.gz"]),
-    flips=st.lists(st.tuples(st.floats(0, 1), st.integers(1, 255)), max_size=4),
-    cut=st.floats(0.5, 1) | st.just(1.0),
+    damage=DAMAGE,
 )
 def test_a_damaged_archive_gives_all_frames_or_one_error(
-    data_set: Any, tmp_path: Path, kind: str, form: str, flips: list[tuple[float, int]], cut: float
+    data_set: Any, tmp_path: Path, kind: str, form: str, damage: Damage
 ) -> None:
     whole = tmp_path / f"{kind}-whole.{form}"
     if not whole.exists():
@@ -272,11 +271,8 @@ def test_a_damaged_archive_gives_all_frames_or_one_error(
         data_set.root.mkdir()
         KINDS[kind][0](data_set)
         pack(data_set.root, whole)
-    data = bytearray(whole.read_bytes())
-    for where, mask in flips:
-        data[int(where * (len(data) - 1))] ^= mask
     path = tmp_path / f"damaged.{form}"
-    path.write_bytes(data[: int(cut * len(data))])
+    path.write_bytes(damage.of(whole.read_bytes()))
     module = open_kind(kind)
     try:
         route = module.read(path, module.Options())
