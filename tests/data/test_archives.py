@@ -76,7 +76,7 @@ def test_names_lose_dots_and_long_names_are_whole(tmp_path: Path) -> None:
     assert [member.name for member in list_members(path)] == ["summer/1.png", long]
 
 
-def test_directories_and_links_to_inside_are_left_out(tmp_path: Path) -> None:
+def test_directories_are_left_out_and_links_to_inside_say_where_they_lead(tmp_path: Path) -> None:
     path = tmp_path / "a.tar"
     with tarfile.open(path, "w") as archive:
         for name, kind, target in [
@@ -87,7 +87,9 @@ def test_directories_and_links_to_inside_are_left_out(tmp_path: Path) -> None:
             info = tarfile.TarInfo(name)
             info.type, info.linkname = kind, target
             archive.addfile(info)
-    assert list_members(path) == []
+    assert list_members(path) == [Member(f"summer/{name}.png", 0, "winter/1.png") for name in ("link", "hard")]
+    with pytest.raises(RouteError, match=r"no longer holds summer/link\.png"):
+        list(read_members(path, ["summer/link.png"]))
 
 
 @pytest.mark.parametrize("name", ["../up.png", "a/../../up.png", "/etc/x.png", "C:\\x.png", "a\\..\\..\\x.png"])
