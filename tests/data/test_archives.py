@@ -14,8 +14,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.fuzzing import fuzzed
 
-from everplace.data import archives
-from everplace.data.archives import Member, is_archive_name, list_members, read_members
+from everplace.data import tar_stream
+from everplace.data.archives import (
+    Member,
+    archive_label,
+    is_archive_name,
+    read_members,
+    scan_members,
+)
 from everplace.errors import EverplaceError, RouteError
 
 FILES = {"a/1.png": b"one", "a/2.png": b"", "b/deep/3.png": bytes(range(256)) * 40}
@@ -37,9 +43,13 @@ def zipped(path: Path, files: Mapping[str, bytes], method: int = zipfile.ZIP_DEF
     return path
 
 
+def list_members(path: Path) -> list[Member]:
+    return [member for member, _ in scan_members(path)]
+
+
 def refused(path: Path) -> str:
     with pytest.raises(RouteError) as caught:
-        list(list_members(path))
+        list_members(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
     return str(caught.value)
@@ -49,14 +59,14 @@ def refused(path: Path) -> str:
 @pytest.mark.parametrize("kind", [tarfile.PAX_FORMAT, tarfile.GNU_FORMAT, tarfile.USTAR_FORMAT])
 def test_reads_what_a_tar_holds(tmp_path: Path, mode: str, kind: int) -> None:
     path = tar(tmp_path / "a.tar", FILES, mode, kind)
-    assert list(list_members(path)) == [Member(name, len(data)) for name, data in FILES.items()]
+    assert list_members(path) == [Member(name, len(data)) for name, data in FILES.items()]
     assert dict(read_members(path, ["b/deep/3.png", "a/2.png"])) == {name: FILES[name] for name in list(FILES)[1:]}
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_reads_what_a_zip_holds(tmp_path: Path, method: int) -> None:
     path = zipped(tmp_path / "a.zip", FILES, method)
-    assert list(list_members(path)) == [Member(name, len(data)) for name, data in FILES.items()]
+    assert list_members(path) == [Member(name, len(data)) for name, data in FILES.items()]
     assert dict(read_members(path, FILES)) == FILES
 
 
@@ -66,7 +76,7 @@ def test_names_lose_dots_and_long_names_are_whole(tmp_path: Path) -> None:
     assert [member.name for member in list_members(path)] == ["summer/1.png", long]
 
 
-def test_directories_and_links_to_inside_are_left_out(tmp_path: Path) -> None:
+def test_directories_are_left_out_and_links_to_inside_say_where_they_lead(tmp_path: Path) -> None:
     path = tmp_path / "a.tar"
     with tarfile.open(path, "w") as archive:
         for name, kind, target in [
@@ -77,7 +87,9 @@ def test_directories_and_links_to_inside_are_left_out(tmp_path: Path) -> None:
             info = tarfile.TarInfo(name)
             info.type, info.linkname = kind, target
             archive.addfile(info)
-    assert list(list_members(path)) == []
+    assert list_members(path) == [Member(f"summer/{name}.png", 0, "winter/1.png") for name in ("link", "hard")]
+    with pytest.raises(RouteError, match=r"no longer holds summer/link\.png"):
+        list(read_members(path, ["summer/link.png"]))
 
 
 @pytest.mark.parametrize("name", ["../up.png", "a/../../up.png", "/etc/x.png", "C:\\x.png", "a\\..\\..\\x.png"])
@@ -155,7 +167,7 @@ def test_a_flipped_bit_in_a_zip_is_noticed_with_the_member(tmp_path: Path) -> No
 
 
 def test_decompression_bombs_are_refused_early(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(archives, "_FREE_EXPANSION", 2**20)
+    monkeypatch.setattr(tar_stream, "_FREE_EXPANSION", 2**20)
     zeros = bytes(2**22)
     for path in (
         tar(tmp_path / "a.tar.gz", {f"{number}.png": zeros for number in range(3)}, "w:gz"),
@@ -210,6 +222,17 @@ def test_archives_are_known_by_their_endings() -> None:
     assert not any(map(is_archive_name, ["a.png", "tar", "b.gz"]))
 
 
+def test_a_label_is_the_name_without_the_ending() -> None:
+    names = ["MH_01.zip", "desk.tgz", "slice.2.TAR.GZ", "plain.tar", "no archive"]
+    assert [archive_label(name) for name in names] == ["MH_01", "desk", "slice.2", "plain", "no archive"]
+
+
+def test_some_contents_are_read_while_an_archive_is_listed(tmp_path: Path) -> None:
+    path = tar(tmp_path / "a.tar.gz", FILES, "w:gz")
+    contents = [content for _, content in scan_members(path, lambda member: member.size < 10)]
+    assert contents == [b"one", b"", None]
+
+
 def test_a_missing_archive_is_an_error(tmp_path: Path) -> None:
     assert "No such file" in refused(tmp_path / "gone.tar")
 
@@ -234,7 +257,7 @@ def test_a_damaged_archive_gives_its_members_or_one_error(
         data[int(where * (len(data) - 1))] ^= mask
     path.write_bytes(data[: int(cut * len(data))])
     try:
-        members = list(list_members(path))
+        members = list_members(path)
         contents = [len(content) for _, content in read_members(path, {member.name for member in members})]
         assert len(contents) <= len(members)
     except EverplaceError as error:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from everplace.data import importing
+from everplace.data import importing, route_writer
 from everplace.data.images import ImageSpec, decode_image
 from everplace.data.importing import ImportSummary, import_route
 from everplace.data.route import open_route
@@ -91,7 +91,7 @@ def test_copies_from_another_disk_and_where_links_are_impossible(
     run: Run, source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(importing, "_device", lambda file: -1)
+        patch.setattr(route_writer, "_device", lambda file: -1)
         summary = run({"a": [ForeignFrame("1", source / "1.png")]})
     assert summary.linked == 0
     assert summary.notes == ("Images were copied: the source lies on another disk than the route.",)
@@ -118,6 +118,17 @@ def test_poses_and_times_survive_exactly(run: Run, tmp_path: Path) -> None:
         rows = list(csv.reader(file))
     assert rows == [["stem", "seconds"], ['x,"1', "0.0"], ["y", repr(1 / 7)]]
     assert not (tmp_path / "out/b/times.csv").exists()
+
+
+def test_tables_are_in_natural_order_however_the_frames_come(run: Run, tmp_path: Path) -> None:
+    stems = ["10", "9", "1,5", "2"]
+    run({"a": [ForeignFrame(stem, GREY, Pose(number, 0, 0), number) for number, stem in enumerate(stems)]})
+    assert (tmp_path / "out/a/times.csv").read_text().splitlines() == [
+        "stem,seconds", '"1,5",2.0', "2,3.0", "9,1.0", "10,0.0",
+    ]  # fmt: skip
+    poses = open_route(tmp_path / "out")["a"].poses
+    assert poses is not None
+    assert poses[:, 0].tolist() == [2, 3, 1, 0]
 
 
 def test_route_toml_says_what_directories_cannot(run: Run, tmp_path: Path) -> None:
@@ -268,7 +279,7 @@ KILLED = """
 import sys, time, types
 from pathlib import Path
 import numpy as np
-from everplace.data import importing
+from everplace.data import importing, route_writer
 from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
 
 def frames():

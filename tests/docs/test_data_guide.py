@@ -14,6 +14,7 @@ from everplace.cli.main import app
 from everplace.data.catalogue import DATA_SETS
 from everplace.data.kinds import read_options, source_kinds
 from everplace.data.sources._nordland_presets import PRESETS
+from everplace.errors import EverplaceError
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "data.md").read_text(encoding="utf-8")
 COMMANDS = [line.strip("`") for line in re.findall(r"^everplace data .*$|`everplace data [^`]*`", GUIDE, re.MULTILINE)]
@@ -30,11 +31,21 @@ def test_every_kind_has_a_row_with_a_command_and_its_extras() -> None:
     rows = table("kind")
     assert list(rows) == list(source_kinds())
     for name, kind in source_kinds().items():
-        command, reads, truth, extras = rows[name]
+        command, reads, archive, truth, extras = rows[name]
         assert command.startswith(f"`everplace data import {name} ")
         assert reads
+        assert archive in {"yes", ""}
         assert truth
         assert sorted(re.findall("`(.*?)`", extras)) == sorted(set(getattr(kind, "EXTRAS", {}).values()))
+
+
+def test_the_kinds_that_read_archives_are_told(tmp_path: Path) -> None:
+    archive = tmp_path / "broken.zip"
+    archive.write_bytes(b"PK\3\4 and no more")
+    for name, kind in source_kinds().items():
+        with pytest.raises(EverplaceError) as caught:
+            kind.read(archive, kind.Options())
+        assert ("truncated or damaged" in str(caught.value)) == (table("kind")[name][2] == "yes")
 
 
 def test_every_preset_has_a_row_with_its_tolerance() -> None:

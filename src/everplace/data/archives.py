@@ -7,10 +7,7 @@ out) or a device is refused as a whole: whoever made it wanted something else th
 
 from __future__ import annotations
 
-import bz2
 import contextlib
-import gzip
-import io
 import lzma
 import posixpath
 import re
@@ -24,19 +21,22 @@ from pathlib import Path
 from typing import IO, NamedTuple, TypeAlias
 
 from everplace.data.images import MAX_FILE_BYTES
+from everplace.data.tar_stream import MAX_HEADER, DisproportionError, TarStream, expansion_limit
 from everplace.errors import RouteError
 from everplace.files import readable
 
-__all__ = ["ARCHIVE_ENDINGS", "Member", "is_archive_name", "list_members", "read_members"]
+__all__ = [
+    "ARCHIVE_ENDINGS",
+    "Member",
+    "archive_label",
+    "is_archive_name",
+    "read_members",
+    "scan_members",
+]
 
 ARCHIVE_ENDINGS = (".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz", ".zip")
 """Endings (lower case) of the archives that can be read."""
 
-# Pictures hardly compress; a tar of a million tiny files does by its padding, but not a hundredfold.
-_MOST_EXPANSION = 200
-_FREE_EXPANSION = 2**30
-_BLOCK = 512
-_MOST_HEADER = 2**20
 _DRIVE = re.compile("[A-Za-z]:")
 # What the standard library raises on broken bytes, a broken length field among them.
 _BROKEN = (
@@ -56,15 +56,17 @@ _BROKEN = (
 
 
 class Member(NamedTuple):
-    """A regular file in an archive.
+    """A regular file in an archive, or a link to something in it.
 
     Attributes:
         name: Its name, parts separated by `/`, without `.` parts.
         size: Its bytes once decompressed, as the archive says.
+        target: The name of what it is a link to; empty: it is a file.
     """
 
     name: str
     size: int
+    target: str = ""
 
 
 _Opener: TypeAlias = Callable[[], IO[bytes]]
@@ -79,52 +81,64 @@ def is_archive_name(name: str) -> bool:
     return name.lower().endswith(ARCHIVE_ENDINGS)
 
 
-def list_members(path: Path) -> Iterator[Member]:
-    """Lists the regular files in an archive, in its order.
+def archive_label(name: str) -> str:
+    """Returns an archive's file name without the ending: what it would be unpacked into."""
+    endings = (ending for ending in ARCHIVE_ENDINGS if name.lower().endswith(ending))
+    return name[: -len(max(endings, key=len, default="")) or None]
+
+
+def scan_members(path: Path, wanted: Callable[[Member], bool] | None = None) -> Iterator[tuple[Member, bytes | None]]:
+    """Lists the regular files and the links in an archive, with the content of some files, in one pass.
 
     Args:
         path: A tar (also compressed by gzip, bzip2 or xz: the content decides) or a zip.
+        wanted: Says whether to read a file; None: read none.
 
     Yields:
-        Directories, and links that lead to something inside, are left out.
+        Each file or link, and its content if it is a file that was wanted, in the order of the archive. Directories
+        are left out.
 
     Raises:
         RouteError: The archive cannot be read, is truncated or damaged, or holds a member that leads outside, is a
             device, is larger than an image may be, or decompresses out of all proportion.
     """
     with _refusing(path) as last:
-        for member, _ in _walk(path, last):
-            yield member
+        for member, open_member in _walk(path, last):
+            chosen = wanted is not None and not member.target and wanted(member)
+            yield member, _read(member, open_member) if chosen else None
 
 
 def read_members(path: Path, wanted: Collection[str]) -> Iterator[tuple[str, bytes]]:
-    """Reads some files of an archive in one pass.
+    """Reads some files of an archive in one pass; links are not followed.
 
     Args:
         path: The archive.
-        wanted: Names as `list_members` gives them.
+        wanted: Names as `scan_members` gives them.
 
     Yields:
         Name and content, in the order of the archive; each name once.
 
     Raises:
-        RouteError: As for `list_members`; or a wanted member is not there.
+        RouteError: As for `scan_members`; or a wanted member is not there.
     """
     left = set(wanted)
-    with _refusing(path) as last:
-        for member, open_member in _walk(path, last):
-            if member.name not in left:
-                continue
-            with open_member() as file:
-                content = file.read(member.size + 1)
-            if len(content) != member.size:
-                raise _RefusedError(f"holds {len(content)} bytes of {_printable(member.name)}, but says {member.size}")
+    if not left:
+        return
+    for member, content in scan_members(path, lambda member: member.name in left):
+        if content is not None:
             yield member.name, content
             left.remove(member.name)
             if not left:
                 return
-        if left:
-            raise _RefusedError(f"no longer holds {_printable(min(left))}")
+    raise RouteError(f"{readable(path)} no longer holds {_printable(min(left))}; get it again from where you trust it")
+
+
+def _read(member: Member, open_member: _Opener) -> bytes:
+    with open_member() as file:
+        content = file.read(member.size + 1)
+    if len(content) != member.size:
+        raise _RefusedError(f"holds {len(content)} bytes of {_printable(member.name)}, but says {member.size}")
+    return content
 
 
 class _Last:
@@ -139,7 +153,7 @@ def _refusing(path: Path) -> Iterator[_Last]:
     last = _Last()
     try:
         yield last
-    except _RefusedError as error:
+    except (_RefusedError, DisproportionError) as error:
         raise RouteError(f"{readable(path)} {error}; get it again from where you trust it") from error
     except (*_BROKEN, OSError, NotImplementedError, RuntimeError) as error:
         if isinstance(error, OSError) and error.errno is not None:
@@ -154,24 +168,25 @@ def _refusing(path: Path) -> Iterator[_Last]:
 
 
 def _walk(path: Path, last: _Last) -> Iterator[tuple[Member, _Opener]]:
-    """Yields the regular files with what opens them."""
+    """Yields the regular files and links with what opens a file."""
     with path.open("rb") as file:
         start = file.read(6)
         file.seek(0)
         if start.startswith((b"PK\3\4", b"PK\5\6", b"PK\7\b")):
             yield from _walk_zip(file, path.stat().st_size, last)
         else:
-            yield from _walk_tar(file, start, path.stat().st_size, last)
+            yield from _walk_tar(TarStream(file, path.stat().st_size), last)
 
 
 def _walk_zip(file: IO[bytes], size: int, last: _Last) -> Iterator[tuple[Member, _Opener]]:
-    left = _FREE_EXPANSION + _MOST_EXPANSION * size
+    left = expansion_limit(size)
     with zipfile.ZipFile(file) as archive:
         for info in archive.infolist():
             name = last.name = _clean(info.filename)
             kind = stat.S_IFMT(info.external_attr >> 16)
             if kind == stat.S_IFLNK:
-                _check_target(name, archive.open(info).read(4096).decode("utf-8", "surrogateescape"), name)
+                target = archive.open(info).read(4096).decode("utf-8", "surrogateescape")
+                yield Member(name, 0, _target(name, target, name)), lambda info=info: archive.open(info)  # type: ignore[misc]
             elif kind not in (0, stat.S_IFREG, stat.S_IFDIR):
                 raise _RefusedError(f"holds {_printable(name)}, which is neither a file nor a directory")
             elif not info.is_dir():
@@ -180,21 +195,21 @@ def _walk_zip(file: IO[bytes], size: int, last: _Last) -> Iterator[tuple[Member,
                 _check_size(name, info.file_size)
                 left -= info.file_size
                 if left < 0:
-                    raise _RefusedError("decompresses out of all proportion")
+                    raise DisproportionError("decompresses out of all proportion")
                 yield Member(name, info.file_size), lambda info=info: archive.open(info)  # type: ignore[misc]
 
 
-def _walk_tar(file: IO[bytes], start: bytes, size: int, last: _Last) -> Iterator[tuple[Member, _Opener]]:
-    stream = _Stream(_decompressed(file, start), size)
+def _walk_tar(stream: TarStream, last: _Last) -> Iterator[tuple[Member, _Opener]]:
     # Names that are not UTF-8 keep their bytes as surrogates, so that a message can show them.
     with tarfile.TarFile(fileobj=stream, mode="r", encoding="utf-8", errors="surrogateescape") as archive:
         while (info := archive.next()) is not None:
-            stream.most_at_once = _MOST_HEADER
+            stream.most_at_once = MAX_HEADER
             # tarfile remembers every member, for links; half a kilobyte each adds up.
             archive.members = []  # type: ignore[attr-defined]
             name = last.name = _clean(info.name)
             if info.issym() or info.islnk():
-                _check_target(name, info.linkname, name if info.issym() else "")
+                target = _target(name, info.linkname, name if info.issym() else "")
+                yield Member(name, 0, target), lambda info=info: _member(archive, stream, info)  # type: ignore[misc]
             elif info.isreg():
                 _check_size(name, info.size)
                 yield Member(name, info.size), lambda info=info: _member(archive, stream, info)  # type: ignore[misc]
@@ -205,78 +220,12 @@ def _walk_tar(file: IO[bytes], start: bytes, size: int, last: _Last) -> Iterator
     stream.read_to_end()
 
 
-def _member(archive: tarfile.TarFile, stream: _Stream, info: tarfile.TarInfo) -> IO[bytes]:
+def _member(archive: tarfile.TarFile, stream: TarStream, info: tarfile.TarInfo) -> IO[bytes]:
     stream.most_at_once = MAX_FILE_BYTES
     file = archive.extractfile(info)
     if file is None:
         raise tarfile.ReadError("no content")
     return file
-
-
-def _decompressed(file: IO[bytes], start: bytes) -> IO[bytes]:
-    if start.startswith(b"\x1f\x8b"):
-        return gzip.GzipFile(fileobj=file)  # type: ignore[return-value]
-    if start.startswith(b"BZh"):
-        return bz2.BZ2File(file)
-    if start.startswith(b"\xfd7zXZ\0"):
-        return lzma.LZMAFile(file)
-    return file
-
-
-class _Stream(io.RawIOBase):
-    """What `tarfile` reads from: forward only, and never more than the archive's size allows.
-
-    A broken length field can point back, which `tarfile` would follow for ever.
-
-    Attributes:
-        most_at_once: Bytes that may be asked for at a time, so that a header that claims to be huge takes no memory.
-    """
-
-    def __init__(self, source: IO[bytes], compressed: int) -> None:
-        self._source = source
-        self._position = 0
-        self._most = _FREE_EXPANSION + _MOST_EXPANSION * compressed
-        self._last_block = b""
-        self.most_at_once = _MOST_HEADER
-
-    @property
-    def ended_with_mark(self) -> bool:
-        """Whether the last block that was read is the one of zeros that ends a tar."""
-        return self._last_block == bytes(_BLOCK)
-
-    def readable(self) -> bool:
-        return True
-
-    def seekable(self) -> bool:
-        return True
-
-    def tell(self) -> int:
-        return self._position
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        if whence != 0 or offset < self._position:
-            raise tarfile.ReadError("a member begins before the one that it follows")
-        if self._source.seekable() and isinstance(self._source, io.BufferedReader):
-            self._position = self._source.seek(offset)
-        while self._position < offset and self.read(min(offset - self._position, _MOST_HEADER)):
-            pass
-        return self._position
-
-    def read(self, size: int = -1) -> bytes:
-        if size < 0 or size > self.most_at_once:
-            raise tarfile.ReadError(f"a header of {size} bytes")
-        if self._position + size > self._most:
-            raise _RefusedError(f"decompresses out of all proportion, to more than {self._most} bytes")
-        data = self._source.read(size)
-        self._position += len(data)
-        if size == _BLOCK:
-            self._last_block = data
-        return data
-
-    def read_to_end(self) -> None:
-        """Reads what follows the end mark: only there does a compressed file's checksum come."""
-        while self.read(_MOST_HEADER):
-            pass
 
 
 def _clean(name: str) -> str:
@@ -292,11 +241,16 @@ def _clean(name: str) -> str:
     return "/".join(part for part in name.split("/") if part not in ("", "."))
 
 
-def _check_target(name: str, target: str, relative_to: str) -> None:
-    """Raises `_RefusedError` for a link that leads outside; `relative_to` is empty where targets are from the top."""
+def _target(name: str, target: str, relative_to: str) -> str:
+    """Returns what a link leads to, from the top; `relative_to` is empty where targets are from there already.
+
+    Raises:
+        _RefusedError: It leads outside.
+    """
     whole = posixpath.normpath(posixpath.join(posixpath.dirname(relative_to), target.replace("\\", "/")))
-    if whole.startswith(("/", "../")) or whole == ".." or _DRIVE.match(whole):
+    if whole.startswith(("/", "../")) or whole == ".." or _DRIVE.match(whole) or "\0" in whole:
         raise _RefusedError(f"holds the link {_printable(name)}, which leads outside to {_printable(target)}")
+    return whole
 
 
 def _check_size(name: str, size: int) -> None:

@@ -1,22 +1,26 @@
-"""Image files below a directory, and the stems that they get in a route."""
+"""Image files below a directory, unpacked or in an archive, and the stems that they get in a route."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Iterator
-from pathlib import Path
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TypeVar
 
+from everplace.data.file_trees import is_image_name
 from everplace.data.images import IMAGE_ENDINGS
 from everplace.data.natural_order import natural_key
+from everplace.data.sources.protocol import Content
+from everplace.data.tree_path import TreePath
 from everplace.errors import RouteError
 from everplace.files import readable
 
-__all__ = ["by_stem", "image_names", "image_path", "stem_of"]
+__all__ = ["by_stem", "image_names", "read_files", "stem_of"]
+
+_Item = TypeVar("_Item")
 
 _ENDINGS = tuple(sorted(IMAGE_ENDINGS))
 
 
-def image_names(directory: Path) -> list[str]:
+def image_names(directory: TreePath) -> list[str]:
     """Lists the images in a directory and its sub-directories; hidden ones are left out, no image is opened.
 
     Args:
@@ -29,12 +33,12 @@ def image_names(directory: Path) -> list[str]:
         RouteError: The directory does not exist, cannot be listed, holds no image, or a name that is not UTF-8.
     """
     if not directory.is_dir():
-        problem = "is not a directory" if directory.exists() else "does not exist"
-        raise RouteError(f"{readable(directory)} {problem}; give the directory of the data set as it was unpacked")
-    names = [name for name in _walk(directory, "", set()) if name.lower().endswith(_ENDINGS)]
+        problem = "is not a directory" if directory.is_file() else "does not exist"
+        raise RouteError(f"{readable(directory)} {problem}; give the directory of the data set, or its archive")
+    names = [name for name in directory.tree.files(directory.inside) if is_image_name(name)]
     if not names:
         raise RouteError(
-            f"{readable(directory)} holds no file that ends in {', '.join(_ENDINGS)}; unpack the images there"
+            f"{readable(directory)} holds no file that ends in {', '.join(_ENDINGS)}; put the images there"
         )
     try:
         "".join(names).encode("utf-8")
@@ -51,7 +55,7 @@ def stem_of(name: str) -> str:
     return (folder + slash + stem).replace("/", "-").lstrip(".") or "-"
 
 
-def by_stem(directory: Path, names: Iterable[str], prefix: str = "") -> dict[str, str]:
+def by_stem(directory: TreePath, names: Iterable[str], prefix: str = "") -> dict[str, str]:
     """Returns the names by the stems they get, in the order given.
 
     Args:
@@ -73,40 +77,30 @@ def by_stem(directory: Path, names: Iterable[str], prefix: str = "") -> dict[str
     return found
 
 
-def image_path(directory: Path, name: str, where: str) -> Path:
-    """Returns the file of an image that a list names.
+def read_files(directory: TreePath, names: Mapping[str, _Item], where: str = "") -> Iterator[tuple[_Item, Content]]:
+    """Reads files, in an order that suits the tree.
+
+    Args:
+        directory: Where they are.
+        names: What each of them is, by path from there.
+        where: The list that names them, for the message; empty: they are known to be there.
+
+    Yields:
+        What a file is, and its content.
 
     Raises:
-        RouteError: There is no such file.
+        RouteError: There is no such file, or it cannot be read.
     """
-    path = directory / name
-    try:
-        there = path.is_file()
-    except (OSError, ValueError):  # a name that is too long, or that no file system takes
-        there = False
-    if not there:
-        raise RouteError(
-            f"{readable(path)} does not exist, but {where} names it; complete the data set or correct the list"
-        )
-    return path
+    items = {(directory / name).inside: item for name, item in names.items()}
 
+    def there() -> Iterator[str]:
+        for name in items:
+            if where and not directory.tree.is_file(name):
+                raise RouteError(
+                    f"{readable(TreePath(directory.tree, name))} does not exist, but {where} names it; complete the "
+                    "data set or correct the list"
+                )
+            yield name
 
-def _walk(directory: Path, prefix: str, entered: set[tuple[int, int]]) -> Iterator[str]:
-    try:
-        status = directory.stat()
-        if (status.st_dev, status.st_ino) in entered:
-            return
-        entered.add((status.st_dev, status.st_ino))
-        with os.scandir(directory) as entries:
-            found = sorted(((entry.name, entry.is_dir()) for entry in entries), key=lambda pair: natural_key(pair[0]))
-    except OSError as error:
-        raise RouteError(
-            f"cannot list {readable(directory)}: {error.strerror or error}; check its permissions"
-        ) from error
-    for name, is_directory in found:
-        if name.startswith("."):
-            continue
-        if is_directory:
-            yield from _walk(directory / name, f"{prefix}{name}/", entered)
-        else:
-            yield prefix + name
+    for name, content in directory.tree.read(there()):
+        yield items[name], content

@@ -13,11 +13,11 @@ import pickle
 import pickletools
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
+from everplace.data.tree_path import AnyPath
 from everplace.errors import RouteError
 from everplace.files import readable
 
@@ -30,7 +30,7 @@ _OBJECTS = frozenset({"O", "O4", "O8"})
 _PUTS = frozenset({"PUT", "BINPUT", "LONG_BINPUT"})
 
 
-def read_object_array(path: Path) -> list[Any]:
+def read_object_array(path: AnyPath) -> list[Any]:
     """Reads an array of lists and numbers, of the object type or of plain numbers.
 
     Args:
@@ -43,10 +43,12 @@ def read_object_array(path: Path) -> list[Any]:
         RouteError: The file is missing, damaged, or holds more than arrays, lists and numbers.
     """
     try:
-        if path.stat().st_size > _LARGEST:
+        with path.open("rb") as file:
+            data = file.read(_LARGEST + 1)
+        if len(data) > _LARGEST:
             raise RouteError(f"{readable(path)} is larger than {_LARGEST} bytes; it is no list of matches")
         # From memory: there a length that a file only claims to have costs nothing.
-        content = io.BytesIO(path.read_bytes())
+        content = io.BytesIO(data)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # NumPy's advice to save again what Python 2 wrote
             return _read(path, content)
@@ -67,7 +69,7 @@ def _one_line(error: Exception) -> str:
     return (" ".join(str(error).split()) or type(error).__name__)[:200]
 
 
-def _read(path: Path, file: IO[bytes]) -> list[Any]:
+def _read(path: AnyPath, file: IO[bytes]) -> list[Any]:
     version = np.lib.format.read_magic(file)
     if version == (1, 0):
         shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)

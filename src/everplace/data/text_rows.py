@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 
+from everplace.data.tree_path import AnyPath
 from everplace.errors import RouteError
 from everplace.files import readable
 
@@ -27,7 +29,7 @@ class TextRow:
         fields: What stands in it.
     """
 
-    path: Path
+    path: AnyPath
     number: int
     fields: list[str]
 
@@ -95,7 +97,7 @@ class TextRow:
         return value
 
 
-def read_rows(path: Path, separator: str | None = None) -> Iterator[TextRow]:
+def read_rows(path: AnyPath, separator: str | None = None) -> Iterator[TextRow]:
     """Reads the lines of a UTF-8 text file; empty lines and those that begin with `#` are passed over.
 
     Args:
@@ -106,7 +108,7 @@ def read_rows(path: Path, separator: str | None = None) -> Iterator[TextRow]:
         RouteError: The file is missing, cannot be read, is no UTF-8 text or has an endless line.
     """
     try:
-        with path.open(encoding="utf-8-sig") as file:
+        with path.open("rb") as data, io.TextIOWrapper(data, encoding="utf-8-sig") as file:
             for number, line in enumerate(iter(lambda: file.readline(_MOST_CHARACTERS), ""), start=1):
                 if len(line) == _MOST_CHARACTERS:
                     raise RouteError(

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
-from tests.fuzzing import fuzzed
+from tests.fuzzing import DAMAGE, Damage, fuzzed
 
 from everplace.data.importing import import_route
 from everplace.data.ros_bag import open_bag
@@ -289,19 +289,14 @@ def originals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 @fuzzed(40)
 @given(
     which=st.sampled_from(["fuzz.bag", "fuzz.mcap", "fuzz.db3", "fuzz/metadata.yaml"]),
-    changes=st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), max_size=4),
-    end=st.floats(0, 1),
+    damage=DAMAGE,
 )
 def test_damaged_bytes_give_frames_or_one_error(
-    tmp_path: Path, originals: dict[str, bytes], which: str, changes: list[tuple[float, bytes]], end: float
+    tmp_path: Path, originals: dict[str, bytes], which: str, damage: Damage
 ) -> None:
-    data = bytearray(originals[which])
-    for place, value in changes:
-        start = int(place * len(data))
-        data[start : start + len(value)] = value
     path = tmp_path / which
     path.parent.mkdir(exist_ok=True)
-    path.write_bytes(data[: int(len(data) * min(1.0, 2 * end))])
+    path.write_bytes(damage.of(originals[which]))
     if path.name == "metadata.yaml":
         (path.parent / "sqlite.db3").write_bytes(originals["fuzz.db3"])
         path = path.parent

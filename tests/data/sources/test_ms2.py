@@ -94,7 +94,7 @@ def test_without_positions_and_times_there_are_none(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "text", "message"),
     [
-        ("gps_imu/data/000001.txt", None, "cannot read .*000001.txt.*; every image needs its file of positions"),
+        ("gps_imu/data/000001.txt", None, "000001.txt does not exist, but an image of .*img_left names it"),
         ("gps_imu/data/000001.txt", "36.1\n", "000001.txt must begin with two lines of one number each"),
         ("gps_imu/data/000001.txt", "north\n127\n", "must begin with two lines of one number each"),
         ("gps_imu/data/000001.txt", "127.1\n127.2\n", "127.1, 127.2, which is no position on Earth"),

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
-from tests.fuzzing import fuzzed
+from tests.fuzzing import DAMAGE, Damage, fuzzed
 
 from everplace.data.images import ImageSpec, decode_image, resize_image
 from everplace.data.importing import ImportSummary, import_route
@@ -262,19 +262,10 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 @fuzzed(60)
-@given(
-    changes=st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), max_size=4),
-    end=st.floats(0, 1),
-)
-def test_a_damaged_parquet_file_gives_frames_or_one_error(
-    tmp_path: Path, table: bytes, changes: list[tuple[float, bytes]], end: float
-) -> None:
-    data = bytearray(table)
-    for place, value in changes:
-        start = int(place * len(data))
-        data[start : start + len(value)] = value
+@given(damage=DAMAGE)
+def test_a_damaged_parquet_file_gives_frames_or_one_error(tmp_path: Path, table: bytes, damage: Damage) -> None:
     path = tmp_path / "p.parquet"
-    path.write_bytes(data[: int(len(data) * min(1.0, 2 * end))])
+    path.write_bytes(damage.of(table))
     try:
         route = nordland.read(path, nordland.Options())
         assert sum(len(list(traverse.frames)) for traverse in route.traverses) <= 4
@@ -362,19 +353,10 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 @fuzzed(40)
-@given(
-    changes=st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), max_size=4),
-    end=st.floats(0, 1),
-)
-def test_a_damaged_film_gives_its_seconds_or_one_error(
-    tmp_path: Path, film: bytes, changes: list[tuple[float, bytes]], end: float
-) -> None:
-    data = bytearray(film)
-    for place, value in changes:
-        start = int(place * len(data))
-        data[start : start + len(value)] = value
+@given(damage=DAMAGE)
+def test_a_damaged_film_gives_its_seconds_or_one_error(tmp_path: Path, film: bytes, damage: Damage) -> None:
     path = tmp_path / "winter.mkv"
-    path.write_bytes(data[: int(len(data) * min(1.0, 2 * end))])
+    path.write_bytes(damage.of(film))
     try:
         (traverse,) = nordland.read(path, nordland.Options()).traverses
         frames = list(traverse.frames)

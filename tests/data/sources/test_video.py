@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from tests.fuzzing import fuzzed
+from tests.fuzzing import DAMAGE, Damage, fuzzed
 
 from everplace.data.importing import import_route
 from everplace.data.route import open_route
@@ -199,18 +199,13 @@ def originals(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
 @fuzzed(40)
 @given(
     which=st.integers(0, 2),
-    changes=st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), max_size=4),
-    end=st.floats(0, 1),
+    damage=DAMAGE,
 )
 def test_damaged_bytes_give_frames_or_one_error(
-    tmp_path: Path, originals: list[bytes], which: int, changes: list[tuple[float, bytes]], end: float
+    tmp_path: Path, originals: list[bytes], which: int, damage: Damage
 ) -> None:
-    data = bytearray(originals[which])
-    for place, value in changes:
-        start = int(place * len(data))
-        data[start : start + len(value)] = value
     path = tmp_path / "fuzz.mkv"
-    path.write_bytes(data[: int(len(data) * min(1.0, 2 * end))])
+    path.write_bytes(damage.of(originals[which]))
     count = 0
     try:
         for traverse in read(path, Options()).traverses:

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.data.image_tree import image_path
-from everplace.data.natural_order import natural_key
+from everplace.data.image_tree import read_files
 from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignTraverse
 from everplace.data.trajectory import Trajectory, Up, plane_poses
 from everplace.data.traverse import Pose
+from everplace.data.tree_path import TreePath, find_places
 from everplace.errors import RouteError
 from everplace.files import readable
 
@@ -50,30 +50,27 @@ class ImageSequence:
     """
 
     name: str
-    images: Path
-    listing: Path
+    images: TreePath
+    listing: TreePath
     frames: Sequence[SequenceFrame]
     has_poses: bool
 
 
-def find_sequences(source: Path, is_sequence: Callable[[Path], bool], what: str) -> list[Path]:
-    """Returns the source if it is a sequence, else the sequences that are its sub-directories, in natural order.
+def find_sequences(
+    source: Path, is_sequence: Callable[[TreePath], bool], what: str, *, apart: bool = False
+) -> list[TreePath]:
+    """Returns the source if it is a sequence, else the sequences nearest below it, in natural order.
 
     Args:
         source: What the user gave.
         is_sequence: Says of a directory whether it is one.
         what: What a sequence must hold, for the message.
+        apart: Each archive of a directory is a sequence of its own; see `find_places`.
 
     Raises:
-        RouteError: There is none.
+        RouteError: There is none, or an archive is damaged.
     """
-    if not source.is_dir():
-        problem = "is not a directory" if source.exists() else "does not exist"
-        raise RouteError(f"{readable(source)} {problem}; give the directory of a sequence or the one above several")
-    if is_sequence(source):
-        return [source]
-    below = sorted((path for path in source.iterdir() if path.is_dir()), key=lambda path: natural_key(path.name))
-    found = [path for path in below if is_sequence(path)]
+    found = find_places(source, is_sequence, apart=apart)
     if not found:
         raise RouteError(
             f"neither {readable(source)} nor a directory in it holds {what}; give a sequence or the directory above "
@@ -153,6 +150,6 @@ def _kept(sequence: ImageSequence) -> list[SequenceFrame]:
 
 
 def _frames(sequence: ImageSequence) -> Iterator[ForeignFrame]:
-    for frame in _kept(sequence):
-        path = image_path(sequence.images, frame.name, readable(sequence.listing))
-        yield ForeignFrame(frame.stem, path, frame.pose, frame.seconds)
+    names = {frame.name: frame for frame in _kept(sequence)}
+    for frame, content in read_files(sequence.images, names, readable(sequence.listing)):
+        yield ForeignFrame(frame.stem, content, frame.pose, frame.seconds)

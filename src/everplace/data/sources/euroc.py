@@ -28,6 +28,7 @@ from everplace.data.sources.protocol import ForeignRoute, SourceOptions
 from everplace.data.text_rows import read_rows
 from everplace.data.trajectory import Trajectory, read_quaternion, rotation_of
 from everplace.data.traverse import Pose
+from everplace.data.tree_path import TreePath
 from everplace.errors import RouteError
 from everplace.files import readable
 
@@ -36,6 +37,8 @@ __all__ = ["SUMMARY", "Options", "read"]
 SUMMARY = "EuRoC MAV: mav0/cam0 with time stamps and the estimated truth, one sequence or several"
 
 _TRANSFORM = re.compile(r"^T_BS:.*?^\s*data:\s*\[([^\]]*)\]", re.DOTALL | re.MULTILINE)
+
+_LONGEST_YAML = 1 << 20
 
 
 class Options(SourceOptions):
@@ -55,7 +58,7 @@ class Options(SourceOptions):
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
-    """Opens a sequence, its `mav0`, or the directory above several; each sequence is a traverse.
+    """Opens a sequence, its `mav0`, or the directory above several, unpacked or as archives; each is a traverse.
 
     Poses are interpolated between the two nearest in time. A stem is the image's file name, which is its time.
 
@@ -63,18 +66,21 @@ def read(source: Path, options: Options) -> ForeignRoute:
         RouteError: There is no sequence, or a file in it is missing or malformed.
     """
     found = find_sequences(
-        source, lambda path: (_mav0(path) / options.camera / "data.csv").is_file(), f"mav0/{options.camera}/data.csv"
+        source,
+        lambda path: (_mav0(path) / options.camera / "data.csv").is_file(),
+        f"mav0/{options.camera}/data.csv",
+        apart=True,
     )
     sequences = [_read_sequence(path, options) for path in found]
     return sequences_route(sequences, options.radius, f"no pose within {options.limit:g} s")
 
 
-def _mav0(path: Path) -> Path:
+def _mav0(path: TreePath) -> TreePath:
     return path / "mav0" if (path / "mav0").is_dir() else path
 
 
-def _read_sequence(directory: Path, options: Options) -> ImageSequence:
-    root = _mav0(directory).absolute()
+def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
+    root = _mav0(directory)
     name = root.parent.name if root.name == "mav0" else root.name
     camera, truth = root / options.camera, root / "state_groundtruth_estimate0" / "data.csv"
     listing = camera / "data.csv"
@@ -94,7 +100,7 @@ def _read_sequence(directory: Path, options: Options) -> ImageSequence:
     return ImageSequence(name, camera / "data", listing, frames, has_poses)
 
 
-def _read_trajectory(path: Path, start: int) -> Trajectory:
+def _read_trajectory(path: TreePath, start: int) -> Trajectory:
     seconds: list[float] = []
     positions: list[list[float]] = []
     quaternions: list[list[float]] = []
@@ -107,11 +113,12 @@ def _read_trajectory(path: Path, start: int) -> Trajectory:
     return Trajectory.of(seconds, positions, rotation_of(quaternions))
 
 
-def _read_camera(camera: Path) -> NDArray[np.float64]:
+def _read_camera(camera: TreePath) -> NDArray[np.float64]:
     """Returns T_BS, 4×4."""
     path = camera / "sensor.yaml"
     try:
-        text = path.read_text(encoding="utf-8")
+        with path.open() as file:
+            text = file.read(_LONGEST_YAML).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise RouteError(
             f"cannot read {readable(path)}, which says how the camera is mounted ({error}); get the sequence again, or "

@@ -14,7 +14,8 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
-from everplace.data.image_stores import FolderStore, ImageStore, open_stores
+from everplace.data.archive_tree import open_trees
+from everplace.data.file_trees import FileTree, FolderTree
 from everplace.data.natural_order import natural_sorted
 from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.errors import RouteError
@@ -45,12 +46,12 @@ class _Walk(NamedTuple):
     """One traverse as it lies there.
 
     Attributes:
-        store: What holds it.
-        directory: Its directory in the store.
-        names: The names of its images in the store.
+        tree: What holds it.
+        directory: Its directory in the tree.
+        names: The names of its images in the tree.
     """
 
-    store: ImageStore
+    tree: FileTree
     directory: str
     names: list[str]
 
@@ -65,9 +66,9 @@ def read(source: Path, options: Options) -> ForeignRoute:
         RouteError: None of the three directories is there, one is there twice, a file's name holds no number or two, or
             an archive is damaged.
     """
-    stores = open_stores(source)
-    unpacked = [store for store in stores if isinstance(store, FolderStore)]
-    found = _find(unpacked) or _find([store for store in stores if store not in unpacked])
+    trees = open_trees(source)
+    unpacked = [tree for tree in trees if isinstance(tree, FolderTree)]
+    found = _find(unpacked) or _find([tree for tree in trees if tree not in unpacked])
     if not found:
         raise RouteError(
             f"{readable(source)} holds none of {', '.join(_TRAVERSES)}; give the directory or archive that does"
@@ -86,7 +87,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         traverses=(
             ForeignTraverse(
                 name,
-                _frames(found[name].store, frames),
+                _frames(found[name].tree, frames),
                 condition=name.partition("_")[0] if options.condition == "light" else "",
                 count=len(frames),
             )
@@ -97,19 +98,19 @@ def read(source: Path, options: Options) -> ForeignRoute:
     )
 
 
-def _find(stores: Sequence[ImageStore]) -> dict[str, _Walk]:
+def _find(trees: Sequence[FileTree]) -> dict[str, _Walk]:
     """Returns what is there of each traverse."""
     found: dict[str, _Walk] = {}
-    for store in stores:
-        for name in store.names:
+    for tree in trees:
+        for name in tree.images:
             directory = _directory(name)
             if directory is None:
                 continue
             traverse = _traverse(directory.rpartition("/")[2])
-            walk = found.setdefault(traverse, _Walk(store, directory, []))
-            if (walk.store, walk.directory) != (store, directory):
+            walk = found.setdefault(traverse, _Walk(tree, directory, []))
+            if (walk.tree, walk.directory) != (tree, directory):
                 raise RouteError(
-                    f"{readable(walk.store.path / walk.directory)} and {readable(store.path / directory)} are both "
+                    f"{readable(walk.tree.path / walk.directory)} and {readable(tree.path / directory)} are both "
                     f"{traverse}; give one copy"
                 )
             walk.names.append(name)
@@ -130,26 +131,26 @@ def _traverse(directory: str) -> str:
 
 
 def _by_number(walk: _Walk) -> dict[str, str]:
-    """Returns the names of images in the store by their stems, in order."""
+    """Returns the names of images in the tree by their stems, in order."""
     found: dict[str, str] = {}
     for name in walk.names:
         match = _NUMBER.fullmatch(name[len(walk.directory) + 1 :].rpartition(".")[0])
         if match is None:
             raise RouteError(
-                f"the name of {readable(walk.store.path / name)} does not hold one number, so its place is unknown; "
+                f"the name of {readable(walk.tree.path / name)} does not hold one number, so its place is unknown; "
                 "rename it or move it away"
             )
         stem = f"{int(match[1]):03d}"
         if stem in found:
             raise RouteError(
-                f"{readable(walk.store.path)} holds {readable(found[stem])} and {readable(name)}, both of place "
+                f"{readable(walk.tree.path)} holds {readable(found[stem])} and {readable(name)}, both of place "
                 f"{stem}; keep one of them"
             )
         found[stem] = name
     return {stem: found[stem] for stem in natural_sorted(found)}
 
 
-def _frames(store: ImageStore, names: dict[str, str]) -> Iterator[ForeignFrame]:
+def _frames(tree: FileTree, names: dict[str, str]) -> Iterator[ForeignFrame]:
     stems = {name: stem for stem, name in names.items()}
-    for name, content in store.read(stems):
+    for name, content in tree.read(stems):
         yield ForeignFrame(stems[name], content)

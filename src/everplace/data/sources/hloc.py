@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from everplace.data.image_tree import by_stem, image_path
+from everplace.data.image_tree import by_stem, read_files
 from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.data.text_rows import read_rows
+from everplace.data.tree_path import AnyPath, TreePath, find_data_set
 from everplace.data.truth import TruthPair
 from everplace.errors import RouteError
 from everplace.files import readable
@@ -42,7 +43,7 @@ class Options(SourceOptions):
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
-    """Opens a directory of images with a file of pairs.
+    """Opens a directory of images with a file of pairs, the directory above it, or an archive of it.
 
     The traverses are `queries` and `database`. Where an image is on both sides (pairs within one set, as of
     covisibility) there is one traverse, `images`. A stem is the image's path with `-` for `/`.
@@ -51,13 +52,14 @@ def read(source: Path, options: Options) -> ForeignRoute:
         RouteError: A file is missing or damaged, names an image outside the directory, or the pairs name an image
             that the list of all does not.
     """
-    root = source / options.images
-    pairs_file = source / options.pairs
+    place = find_data_set(source, lambda place: (place / options.pairs).is_file(), options.pairs)
+    root = place / options.images
+    pairs_file = place / options.pairs
     pairs = _read_pairs(pairs_file)
     if not pairs:
         raise RouteError(f"{readable(pairs_file)} names no pair; give hloc's file of pairs with --set pairs=FILE")
-    queries = _side(source, options.queries, [query for query, _ in pairs], pairs_file)
-    database = _side(source, options.database, [image for _, image in pairs], pairs_file)
+    queries = _side(place, options.queries, [query for query, _ in pairs], pairs_file)
+    database = _side(place, options.database, [image for _, image in pairs], pairs_file)
     together = not set(queries).isdisjoint(database)
     sides = {_IMAGES: [*queries, *database]} if together else {_QUERIES: queries, _DATABASE: database}
     listed = {side: by_stem(root, names) for side, names in sides.items()}
@@ -76,12 +78,13 @@ def read(source: Path, options: Options) -> ForeignRoute:
     )
 
 
-def _frames(root: Path, names: dict[str, str], pairs_file: Path) -> Iterator[ForeignFrame]:
-    for stem, name in names.items():
-        yield ForeignFrame(stem, image_path(root, name, f"{readable(pairs_file)} or a list of images"))
+def _frames(root: TreePath, names: dict[str, str], pairs_file: TreePath) -> Iterator[ForeignFrame]:
+    listing = f"{readable(pairs_file)} or a list of images"
+    for stem, content in read_files(root, {name: stem for stem, name in names.items()}, listing):
+        yield ForeignFrame(stem, content)
 
 
-def _read_pairs(path: Path) -> list[tuple[str, str]]:
+def _read_pairs(path: TreePath) -> list[tuple[str, str]]:
     pairs = []
     for row in read_rows(path):
         if len(row) < 2:
@@ -90,12 +93,12 @@ def _read_pairs(path: Path) -> list[tuple[str, str]]:
     return list(dict.fromkeys(pairs))
 
 
-def _side(source: Path, listing: str, named: list[str], pairs_file: Path) -> list[str]:
+def _side(place: TreePath, listing: str, named: list[str], pairs_file: TreePath) -> list[str]:
     """Returns the images of one side, each once: all of a list, or those that the pairs name."""
     if not listing:
         return list(dict.fromkeys(named))
-    path = source / listing
-    names = _read_hdf5(path) if path.suffix.lower() in _HDF5 else [row.inside(0) for row in read_rows(path)]
+    path = place / listing
+    names = _read_hdf5(path) if listing.lower().endswith(_HDF5) else [row.inside(0) for row in read_rows(path)]
     known = dict.fromkeys(names)
     for name in named:
         if name not in known:
@@ -105,12 +108,12 @@ def _side(source: Path, listing: str, named: list[str], pairs_file: Path) -> lis
     return list(known)
 
 
-def _read_hdf5(path: Path) -> list[str]:
+def _read_hdf5(path: AnyPath) -> list[str]:
     """Returns the names of the images in a file of features: paths of the groups that hold no more groups."""
     import h5py
 
     try:
-        with h5py.File(path, "r") as file:
+        with _open_hdf5(path) as file:
             if isinstance(file.get("names"), h5py.Dataset):
                 names = list(file["names"].asstr()[:].ravel())
             else:
@@ -124,6 +127,15 @@ def _read_hdf5(path: Path) -> list[str]:
     if not names:
         raise RouteError(f"{readable(path)} names no image; give a file of features or descriptors")
     return names
+
+
+def _open_hdf5(path: AnyPath):  # type: ignore[no-untyped-def]
+    import h5py
+
+    if isinstance(path, Path) or path.is_on_disk:
+        return h5py.File(path, "r")
+    with path.open() as file:
+        return h5py.File(h5py.h5f.open_file_image(file.read()))
 
 
 def _leaf_groups(group, prefix: str) -> Iterator[str]:  # type: ignore[no-untyped-def]

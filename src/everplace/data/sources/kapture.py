@@ -20,6 +20,7 @@ from everplace.data.sources._sequences import ImageSequence, SequenceFrame, find
 from everplace.data.sources.protocol import ForeignRoute, SourceOptions
 from everplace.data.text_rows import TextRow, read_rows
 from everplace.data.trajectory import Up, plane_poses, read_quaternion, rotation_of
+from everplace.data.tree_path import TreePath
 from everplace.errors import RouteError
 from everplace.files import readable
 
@@ -59,7 +60,7 @@ class _Transform(NamedTuple):
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
-    """Opens a kapture directory, or the directory above several (`mapping`, `query`).
+    """Opens a kapture directory, or the directory above several (`mapping`, `query`), unpacked or as archives.
 
     A stem is the image's path with `-` for `/`. The pose is that of the camera's centre, laid onto the plane
     that is perpendicular to `up`.
@@ -76,7 +77,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     return sequences_route(sequences, options.radius, "no pose in trajectories.txt", notes)
 
 
-def _read_directory(directory: Path, options: Options) -> list[ImageSequence]:
+def _read_directory(directory: TreePath, options: Options) -> list[ImageSequence]:
     sensors = directory / "sensors"
     records = _read_records(sensors, options.camera)
     has_poses = options.poses and (sensors / "trajectories.txt").is_file()
@@ -100,7 +101,7 @@ def _read_directory(directory: Path, options: Options) -> list[ImageSequence]:
     listing, images = sensors / _RECORDS, sensors / "records_data"
     stems = by_stem(images, records)
     groups: dict[str, list[SequenceFrame]] = {}
-    whole = directory.absolute().name
+    whole = directory.name
     for stem, name in stems.items():
         folder = name.partition("/")[0] if options.by_folder and "/" in name else whole
         groups.setdefault(folder, []).append(SequenceFrame(stem, name, None, plane.get(name)))
@@ -113,7 +114,7 @@ def _read_directory(directory: Path, options: Options) -> list[ImageSequence]:
     ]
 
 
-def _read_records(sensors: Path, camera: str) -> dict[str, tuple[int, str]]:
+def _read_records(sensors: TreePath, camera: str) -> dict[str, tuple[int, str]]:
     """Returns time stamp and camera by the image's name, of the chosen cameras."""
     path = sensors / _RECORDS
     cameras = {row.text(0) for row in read_rows(sensors / "sensors.txt", ",") if row.text(2) == "camera"}
@@ -136,7 +137,7 @@ def _read_records(sensors: Path, camera: str) -> dict[str, tuple[int, str]]:
     return {name: record for name, record in records.items() if camera in {"", "all", record[1]}}
 
 
-def _read_rigs(path: Path) -> dict[str, list[tuple[str, _Transform]]]:
+def _read_rigs(path: TreePath) -> dict[str, list[tuple[str, _Transform]]]:
     """Returns for each sensor the rigs that carry it, and what takes a point from the rig to the sensor."""
     rigs: dict[str, list[tuple[str, _Transform]]] = {}
     if path.is_file():

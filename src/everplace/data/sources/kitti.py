@@ -21,6 +21,7 @@ from everplace.data.sources.protocol import ForeignRoute, SourceOptions
 from everplace.data.text_rows import read_rows
 from everplace.data.trajectory import plane_poses
 from everplace.data.traverse import Pose
+from everplace.data.tree_path import AnyPath, TreePath
 from everplace.errors import RouteError
 from everplace.files import readable
 
@@ -48,7 +49,7 @@ class Options(SourceOptions):
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
-    """Opens the data set, its `sequences` directory or one sequence; each sequence is a traverse.
+    """Opens the data set, its `sequences` directory, one sequence, or archives of them; each sequence is a traverse.
 
     Image and pose belong together by the number in the image's name. A stem is the sequence's name and the
     image's, `00-000042`: image 42 of another sequence is another place.
@@ -56,21 +57,22 @@ def read(source: Path, options: Options) -> ForeignRoute:
     Raises:
         RouteError: There is no such sequence, or a file in it is missing or malformed.
     """
-    root = source / "sequences" if (source / "sequences").is_dir() else source
-    found = find_sequences(root, lambda path: (path / options.camera).is_dir(), f"{options.camera}/")
-    names = [path.absolute().name for path in found]
+    found = find_sequences(source, lambda path: (path / options.camera).is_dir(), f"{options.camera}/")
+    names = [path.name for path in found]
     for name in options.sequences:
         if name not in names:
-            raise RouteError(f"{readable(root)} has no sequence {name!r}; there are: {', '.join(map(readable, names))}")
+            raise RouteError(
+                f"{readable(source)} has no sequence {name!r}; there are: {', '.join(map(readable, names))}"
+            )
     chosen = [path for path, name in zip(found, names, strict=True) if name in (options.sequences or names)]
     sequences = [_read_sequence(path, options) for path in chosen]
     return sequences_route(sequences, options.radius, "no line in the file of poses")
 
 
-def _read_sequence(directory: Path, options: Options) -> ImageSequence:
-    name = directory.absolute().name
+def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
+    name = directory.name
     images, times = directory / options.camera, directory / "times.txt"
-    poses_file = directory.absolute().parent.parent / "poses" / f"{name}.txt"
+    poses_file = directory.parent.parent / "poses" / f"{name}.txt"
     has_poses = options.poses and poses_file.is_file()
     poses = _read_poses(poses_file) if has_poses else []
     seconds = [row.floats(0, 1)[0] for row in read_rows(times)] if times.is_file() else []
@@ -95,7 +97,7 @@ def _read_sequence(directory: Path, options: Options) -> ImageSequence:
     return ImageSequence(name, images, images, frames, has_poses)
 
 
-def _read_poses(path: Path) -> list[Pose]:
+def _read_poses(path: AnyPath) -> list[Pose]:
     from scipy.spatial.transform import Rotation
 
     rows = []

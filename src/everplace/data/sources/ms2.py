@@ -9,6 +9,7 @@ The sequence's name is when it was driven, such as `_2021-08-06-10-59-33`.
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -19,12 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from everplace.data.file_trees import is_image_name
 from everplace.data.geodesy import local_plane, track_headings
-from everplace.data.images import IMAGE_ENDINGS
-from everplace.data.natural_order import natural_key, natural_sorted
+from everplace.data.image_tree import by_stem, read_files
+from everplace.data.natural_order import natural_sorted
 from everplace.data.sources._kaist_conditions import condition_of, read_conditions
-from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.data.sources.protocol import Content, Encoded, ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.data.traverse import Pose
+from everplace.data.tree_path import TreePath, find_data_set
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 
@@ -34,6 +37,7 @@ SUMMARY = "KAIST MS2: drives by day, night and rain with colour, near-infrared a
 
 _DRIVEN = re.compile(r"_?([0-9]{4}-[0-9]{2}-[0-9]{2})-([0-9]{2})-[0-9]{2}-[0-9]{2}")
 _RAINY_DATE, _RAINY_FROM, _NIGHT_FROM = "2021-08-06", 16, 20
+_LONGEST_LINE = 1000
 _TIME_UNITS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
 _LICENCE = "MS2 is for research only; cite Shin, Park and Kweon (CVPR 2023)."
 
@@ -62,21 +66,21 @@ class _Drive:
     """One sequence; `positions` are degrees, `seconds` None where the times are not there."""
 
     name: str
-    directory: Path
+    directory: TreePath
     files: tuple[str, ...] = field(repr=False)
     positions: NDArray[np.float64] | None = field(repr=False)
     seconds: NDArray[np.float64] | None = field(repr=False)
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
-    """Opens a copy of the data set; the positions of all frames are read at once.
+    """Opens a copy of the data set, unpacked or as archives; the positions of all frames are read at once.
 
     Raises:
-        RouteError: It is not MS2, or a sequence is incomplete or damaged.
+        RouteError: It is not MS2, or a sequence or archive is incomplete or damaged.
         ConfigError: A sequence that is wanted is not there, or a condition cannot be.
     """
-    root = source / "sync_data" if (source / "sync_data").is_dir() else source
-    known = [path.name for path in _children(root) if (path / options.camera).is_dir()]
+    root = find_data_set(source, lambda place: bool(_sequences(place, options.camera)), "sequences of MS2")
+    known = _sequences(root, options.camera)
     if not known:
         raise RouteError(
             f"{readable(source)} holds no sync_data/<sequence>/{options.camera}; give the directory above sync_data"
@@ -108,11 +112,11 @@ def _frames(drive: _Drive, name: str, origin: tuple[float, float]) -> Iterator[F
     if drive.positions is not None:
         plane = local_plane(drive.positions, origin)
         poses = np.column_stack([plane, track_headings(plane)])
-    for index, file in enumerate(drive.files):
+    for (index, file), content in read_files(drive.directory, {file: (i, file) for i, file in enumerate(drive.files)}):
         # Frames of one number in two drives show different places: they get different stems.
         yield ForeignFrame(
             f"{name}_{file.rpartition('.')[0]}",
-            drive.directory / file,
+            content,
             None if poses is None else Pose(*poses[index].tolist()),
             None if drive.seconds is None else float(drive.seconds[index]),
         )
@@ -129,16 +133,20 @@ def _condition(name: str) -> str:
     return "rain" if date == _RAINY_DATE and hour >= _RAINY_FROM else "day"
 
 
-def _open(root: Path, options: Options) -> _Drive:
+def _sequences(directory: TreePath, camera: str) -> list[str]:
+    return [name for name in directory.children().directories if (directory / name / camera).is_dir()]
+
+
+def _open(root: TreePath, options: Options) -> _Drive:
     directory = root / options.camera / f"img_{options.side}"
-    names = {path.stem: path.name for path in _children(directory) if path.suffix.lower() in IMAGE_ENDINGS}
+    names = by_stem(directory, filter(is_image_name, directory.children().files))
     if not names:
         raise RouteError(f"{readable(directory)} holds no image; unpack it, or leave the sequence out with sequences=")
     stems = natural_sorted(names)
-    times = _read_times(directory.with_name(f"{directory.name}_timestamp.txt"), len(stems))
+    times = _read_times(directory.parent / f"{directory.name}_timestamp.txt", len(stems))
     gps = root / "gps_imu" / "data"
     chosen = stems[:: options.every]
-    positions = np.array([_read_position(gps / f"{stem}.txt") for stem in chosen]) if gps.is_dir() else None
+    positions = _read_positions(gps, chosen, f"an image of {readable(directory)}") if gps.is_dir() else None
     return _Drive(
         root.name,
         directory,
@@ -148,11 +156,19 @@ def _open(root: Path, options: Options) -> _Drive:
     )
 
 
-def _read_position(path: Path) -> tuple[float, float]:
+def _read_positions(directory: TreePath, stems: Sequence[str], where: str) -> NDArray[np.float64]:
+    """Returns N×2 degrees."""
+    names = [f"{stem}.txt" for stem in stems]
+    read = read_files(directory, {name: name for name in names}, where)
+    found = {name: _read_position(directory / name, content) for name, content in read}
+    return np.array([found[name] for name in names])
+
+
+def _read_position(path: TreePath, content: Content) -> tuple[float, float]:
     """Reads latitude and longitude; the order differs between copies, and beyond 90 degrees is a longitude."""
     try:
-        with path.open(encoding="ascii") as file:
-            first, second = (float(next(file, "")) for _ in range(2))
+        with io.BytesIO(content.data) if isinstance(content, Encoded) else path.open() as file:
+            first, second = (float(file.readline(_LONGEST_LINE)) for _ in range(2))
     except OSError as error:
         raise RouteError(
             f"cannot read {readable(path)}: {error.strerror or error}; every image needs its file of positions"
@@ -167,11 +183,11 @@ def _read_position(path: Path) -> tuple[float, float]:
     return latitude, longitude
 
 
-def _read_times(path: Path, count: int) -> NDArray[np.float64] | None:
+def _read_times(path: TreePath, count: int) -> NDArray[np.float64] | None:
     """Reads one time a line, in seconds, milli-, micro- or nanoseconds since 1970; None if there is no file."""
     try:
-        words = path.read_text(encoding="ascii").split()
-        times = np.array([float(word) for word in words])
+        with path.open() as file:
+            times = np.array([float(word) for word in file.read().decode("ascii").split()])
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -186,11 +202,3 @@ def _read_times(path: Path, count: int) -> NDArray[np.float64] | None:
     largest = float(np.abs(times).max())
     divisor = next((unit for least, unit in _TIME_UNITS if largest >= least), 1.0)
     return times / divisor
-
-
-def _children(directory: Path) -> list[Path]:
-    try:
-        found = [path for path in directory.iterdir() if not path.name.startswith(".")]
-    except OSError as error:
-        raise RouteError(f"cannot list {readable(directory)}: {error.strerror or error}; check the path") from error
-    return sorted(found, key=lambda path: natural_key(path.name))

@@ -19,7 +19,8 @@ from typing import Annotated, Literal, Protocol
 
 from pydantic import BeforeValidator
 
-from everplace.data.image_stores import ImageStore, files_below, open_stores
+from everplace.data.archive_tree import open_trees
+from everplace.data.file_trees import FileTree, files_below
 from everplace.data.natural_order import natural_sorted
 from everplace.data.sources._nordland_names import (
     SEASONS,
@@ -162,7 +163,7 @@ def _open(source: Path, options: Options) -> Copy:
             return open_copy(source, files, "test" if options.preset == "olid" else options.split)
         if options.form:
             raise RouteError(f"{readable(source)} holds no file that ends in {' or '.join(endings)}; check the path")
-    return _Images(source, open_stores(source), options)
+    return _Images(source, open_trees(source), options)
 
 
 def _files(source: Path, endings: tuple[str, ...]) -> list[Path]:
@@ -175,18 +176,18 @@ def _files(source: Path, endings: tuple[str, ...]) -> list[Path]:
 class _Images:
     """A copy that consists of image files, in directories or archives."""
 
-    def __init__(self, source: Path, stores: Sequence[ImageStore], options: Options) -> None:
-        parse = _parser(source, stores, options.form)
+    def __init__(self, source: Path, trees: Sequence[FileTree], options: Options) -> None:
+        parse = _parser(source, trees, options.form)
         self.tolerance: int | None = None
-        self._stores = stores
+        self._trees = trees
         self._where: dict[str, dict[str, tuple[int, str]]] = {}
         nowhere: list[str] = []
         furthest = Named("", "0")
         at = {"database": options.database, "queries": options.queries}
         split = "test" if options.preset == "olid" else options.split
-        for index, store in enumerate(stores):
-            label = _label(store.path)
-            for name in store.names:
+        for index, tree in enumerate(trees):
+            label = _label(tree.path)
+            for name in tree.images:
                 frame = parse(f"{label}/{name}")
                 if frame is None or not frame.season:
                     nowhere.append(name)
@@ -212,24 +213,24 @@ class _Images:
         self.notes = _left_out(nowhere)
 
     def read(self, season: str, stems: Sequence[str]) -> Iterator[ForeignFrame]:
-        """Reads store by store."""
+        """Reads tree by tree."""
         wanted: dict[int, dict[str, str]] = {}
         for stem in stems:
             index, name = self._where[season][stem]
             wanted.setdefault(index, {})[name] = stem
         for index, names in wanted.items():
-            for name, content in self._stores[index].read(names):
+            for name, content in self._trees[index].read(names):
                 yield ForeignFrame(names[name], content)
 
 
-def _parser(source: Path, stores: Sequence[ImageStore], form: str) -> Callable[[str], Named | None]:
+def _parser(source: Path, trees: Sequence[FileTree], form: str) -> Callable[[str], Named | None]:
     """Returns what reads the names of this form."""
     parsers: dict[str, Callable[[str], Named | None]] = {"olid": olid_frame, "at": at_frame, "seasons": season_frame}
     for name in [form] if form else parsers:
         parse = parsers[name]
-        for store in stores:
-            label = _label(store.path)
-            if any((frame := parse(f"{label}/{name}")) is not None and frame.season for name in store.names):
+        for tree in trees:
+            label = _label(tree.path)
+            if any((frame := parse(f"{label}/{name}")) is not None and frame.season for name in tree.images):
                 return parse
     what = f"form {form}" if form else "known form"
     raise RouteError(
@@ -239,7 +240,7 @@ def _parser(source: Path, stores: Sequence[ImageStore], form: str) -> Callable[[
 
 
 def _label(path: Path) -> str:
-    """What the name of a store adds to the names in it: it may be the only one to tell the season."""
+    """What the name of a tree adds to the names in it: it may be the only one to tell the season."""
     return path.absolute().name.split(".")[0]
 
 

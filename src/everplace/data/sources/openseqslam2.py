@@ -13,9 +13,10 @@ from typing import Annotated
 
 from pydantic import Field
 
-from everplace.data.image_tree import by_stem, image_names, image_path
+from everplace.data.image_tree import by_stem, image_names, read_files
 from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.data.text_rows import read_rows
+from everplace.data.tree_path import AnyPath, TreePath, find_data_set
 from everplace.data.truth import TruthPair
 from everplace.errors import RouteError
 from everplace.files import readable
@@ -47,7 +48,7 @@ class Options(SourceOptions):
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
-    """Opens a data set; its traverses are `query` and `reference`.
+    """Opens a data set, the directory above it, or an archive of it; its traverses are `query` and `reference`.
 
     Images of a directory are counted in natural order of their names. Those of a range of true matches that lie
     before the first or behind the last reference are left out, as in the toolbox.
@@ -56,17 +57,18 @@ def read(source: Path, options: Options) -> ForeignRoute:
         RouteError: A file or directory is missing, or the ground truth is malformed or speaks of an image that
             does not exist.
     """
+    root = find_data_set(source, lambda place: (place / options.truth).is_file(), options.truth)
     listed: dict[str, dict[str, str]] = {}
     for side, where in (("query", options.query), ("reference", options.reference)):
-        directory, names = _list(source, where)
+        directory, names = _list(root, where)
         listed[side] = by_stem(directory, names[:: options.subsample], "" if options.same_names else f"{side}-")
     queries, references = list(listed["query"]), list(listed["reference"])
-    truth = _read_truth(source / options.truth, len(queries), len(references))
+    truth = _read_truth(root / options.truth, len(queries), len(references))
     alone = len(queries) - len(truth)
     notes = [f"{alone} of {len(queries)} queries have no true match."] if alone else []
     return ForeignRoute(
         traverses=(
-            ForeignTraverse(side, _frames(source, where, listed[side]), count=len(listed[side]))
+            ForeignTraverse(side, _frames(root, where, listed[side]), count=len(listed[side]))
             for side, where in (("query", options.query), ("reference", options.reference))
         ),
         truth=(
@@ -78,24 +80,28 @@ def read(source: Path, options: Options) -> ForeignRoute:
     )
 
 
-def _list(source: Path, where: str) -> tuple[Path, list[str]]:
+def _list(root: TreePath, where: str) -> tuple[TreePath, list[str]]:
     """Returns a directory and the images in it that take part, in order."""
-    path = source / where
-    if path.suffix.lower() not in _LISTS:
+    path = root / where
+    if not _is_list(where):
         return path, image_names(path)
     names = [row.inside(0) for row in read_rows(path, "\n")]
     if not names:
         raise RouteError(f"{readable(path)} names no image; write one path a line")
-    return source, names
+    return root, names
 
 
-def _frames(source: Path, where: str, names: dict[str, str]) -> Iterator[ForeignFrame]:
-    directory = source if (source / where).suffix.lower() in _LISTS else source / where
-    for stem, name in names.items():
-        yield ForeignFrame(stem, image_path(directory, name, readable(source / where)))
+def _frames(root: TreePath, where: str, names: dict[str, str]) -> Iterator[ForeignFrame]:
+    directory = root if _is_list(where) else root / where
+    for stem, content in read_files(directory, {name: stem for stem, name in names.items()}, readable(root / where)):
+        yield ForeignFrame(stem, content)
 
 
-def _read_truth(path: Path, queries: int, references: int) -> dict[int, list[range]]:
+def _is_list(where: str) -> bool:
+    return where.lower().endswith(_LISTS)
+
+
+def _read_truth(path: AnyPath, queries: int, references: int) -> dict[int, list[range]]:
     """Returns the positions of the references, from 0, by the position of the query."""
     truth: dict[int, list[range]] = {}
     for row in read_rows(path, ","):

@@ -7,7 +7,7 @@ y down, z ahead) in the motion capture's world, whose z axis points up. The rout
 
 from __future__ import annotations
 
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Annotated
 
 from pydantic import Field
@@ -24,6 +24,7 @@ from everplace.data.sources.protocol import ForeignRoute, SourceOptions
 from everplace.data.text_rows import read_rows
 from everplace.data.trajectory import Trajectory, read_quaternion, rotation_of
 from everplace.data.traverse import Pose
+from everplace.data.tree_path import TreePath
 from everplace.errors import RouteError
 from everplace.files import readable
 
@@ -49,23 +50,23 @@ class Options(SourceOptions):
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
-    """Opens a sequence, or the directory above several; each is a traverse.
+    """Opens a sequence, or the directory above several, unpacked or as archives; each is a traverse.
 
     Poses are interpolated between the two nearest in time. A stem is the image's file name, which is its time.
 
     Raises:
         RouteError: There is no sequence, or a file in it is missing or malformed.
     """
-    found = find_sequences(source, lambda path: (path / options.images).is_file(), options.images)
+    found = find_sequences(source, lambda path: (path / options.images).is_file(), options.images, apart=True)
     sequences = [_read_sequence(path, options) for path in found]
     return sequences_route(sequences, options.radius, f"no pose within {options.limit:g} s")
 
 
-def _read_sequence(directory: Path, options: Options) -> ImageSequence:
+def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
     listing, truth = directory / options.images, directory / "groundtruth.txt"
     rows = [(row.floats(0, 1)[0], row.inside(1)) for row in read_rows(listing)]
     seconds = {name: moment for moment, name in rows}
-    stems = {name: Path(name).stem for name in seconds}
+    stems = {name: PurePosixPath(name).stem for name in seconds}
     if len(set(stems.values())) < len(stems):
         stems = {name: stem for stem, name in by_stem(directory, seconds).items()}
     has_poses = options.poses and truth.is_file()
@@ -76,10 +77,10 @@ def _read_sequence(directory: Path, options: Options) -> ImageSequence:
         SequenceFrame(stems[name], name, moment, pose)
         for (name, moment), pose in zip(seconds.items(), poses, strict=True)
     ]
-    return ImageSequence(directory.absolute().name, directory, listing, frames, has_poses)
+    return ImageSequence(directory.name, directory, listing, frames, has_poses)
 
 
-def _read_trajectory(path: Path) -> Trajectory:
+def _read_trajectory(path: TreePath) -> Trajectory:
     seconds: list[float] = []
     positions: list[list[float]] = []
     quaternions: list[list[float]] = []

@@ -16,9 +16,10 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
-from everplace.data.image_tree import by_stem, image_names
+from everplace.data.image_tree import by_stem, image_names, read_files
 from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.data.traverse import Pose
+from everplace.data.tree_path import AnyPath, TreePath, find_data_set
 from everplace.errors import RouteError
 from everplace.files import readable
 
@@ -26,6 +27,7 @@ __all__ = ["SUMMARY", "Options", "read"]
 
 SUMMARY = "Images of a database and of queries whose file names hold UTM coordinates: @east@north@...@.jpg"
 
+_SPLITS = ("train", "val", "test")
 _TRAVERSES = ("database", "queries")
 # Positions between the `@` of a complete name, which has these many parts.
 _EAST, _NORTH, _ZONE, _HEADING, _TIME, _COMPLETE = 1, 2, 3, 9, 13, 16
@@ -55,7 +57,7 @@ class _Place(NamedTuple):
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
-    """Opens a data set, its `images` directory, or a directory that holds `database` and `queries`.
+    """Opens a data set, its `images` directory, or a directory that holds `database` and `queries`, or an archive.
 
     The pose is the UTM position; the heading is field 9 (degrees clockwise from north), or 0 where it is
     empty. The eastings of several UTM zones would overlap, so each zone lies 1,000 km east of the one before.
@@ -63,13 +65,14 @@ def read(source: Path, options: Options) -> ForeignRoute:
     directory hold a whole one, YYYYMMDD_hhmmss.
 
     Raises:
-        RouteError: There is no such split, it holds no image, or a file's name holds no coordinates.
+        RouteError: There is no such split, it holds no image, a file's name holds no coordinates, or an archive is
+            damaged.
     """
     split = _find(source, options.split)
     directories = [split / name for name in _TRAVERSES]
     listed = {directory: by_stem(directory, image_names(directory)) for directory in directories}
     zones: set[int] = set()
-    timed: dict[Path, bool] = {}
+    timed: dict[TreePath, bool] = {}
     for directory, names in listed.items():
         places = [_place(directory, name) for name in names.values()]
         zones.update(place.zone for place in places if place.zone is not None)
@@ -95,26 +98,38 @@ def read(source: Path, options: Options) -> ForeignRoute:
     )
 
 
-def _find(source: Path, split: str) -> Path:
-    candidates = [source / "images" / split, source / split, source]
-    for candidate in candidates:
-        if all((candidate / name).is_dir() for name in _TRAVERSES):
+def _find(source: Path, split: str) -> TreePath:
+    root = find_data_set(
+        source,
+        lambda place: any(map(_is_split, (place, *(one for name in _SPLITS for one in _places(place, name))))),
+        "images of a database and of queries",
+    )
+    for candidate in (*_places(root, split), root):
+        if _is_split(candidate):
             return candidate
-    parents = (source / "images", source)
-    there = [name for name in ("train", "val", "test") if any((parent / name).is_dir() for parent in parents)]
+    there = [name for name in _SPLITS if any(one.is_dir() for one in _places(root, name))]
     remedy = f"choose --set split= one of {', '.join(there)}" if there else "give the directory above images"
     raise RouteError(f"{readable(source)} holds no images/{split} with the directories database and queries; {remedy}")
 
 
-def _frames(directory: Path, names: dict[str, str], shift: dict[int, float], timed: bool) -> Iterator[ForeignFrame]:
-    for stem, name in names.items():
+def _places(root: TreePath, split: str) -> tuple[TreePath, ...]:
+    """Returns where a split may lie."""
+    return root / "images" / split, root / split
+
+
+def _is_split(directory: TreePath) -> bool:
+    return all((directory / name).is_dir() for name in _TRAVERSES)
+
+
+def _frames(directory: TreePath, names: dict[str, str], shift: dict[int, float], timed: bool) -> Iterator[ForeignFrame]:
+    for (stem, name), content in read_files(directory, {name: (stem, name) for stem, name in names.items()}):
         place = _place(directory, name)
         east = place.east + (0.0 if place.zone is None else shift[place.zone])
         pose = Pose(east, place.north, place.heading)
-        yield ForeignFrame(stem, directory / name, pose, place.seconds if timed else None)
+        yield ForeignFrame(stem, content, pose, place.seconds if timed else None)
 
 
-def _place(directory: Path, name: str) -> _Place:
+def _place(directory: AnyPath, name: str) -> _Place:
     parts = name.rpartition("/")[2].split("@")
     if parts[0] or len(parts) < 4:
         raise RouteError(
@@ -133,7 +148,7 @@ def _place(directory: Path, name: str) -> _Place:
     )
 
 
-def _number(directory: Path, name: str, what: str, text: str) -> float:
+def _number(directory: AnyPath, name: str, what: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:

@@ -12,9 +12,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from everplace.data.image_tree import by_stem, image_names
+from everplace.data.image_tree import by_stem, image_names, read_files
 from everplace.data.object_npy import read_object_array
 from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.data.tree_path import AnyPath, TreePath, find_data_set
 from everplace.data.truth import TruthPair
 from everplace.errors import RouteError
 from everplace.files import readable
@@ -22,6 +23,8 @@ from everplace.files import readable
 __all__ = ["SUMMARY", "Options", "read"]
 
 SUMMARY = "VPR-Bench: query/ and ref/ with the true matches in ground_truth_new.npy"
+
+_PARTS = ("query", "ref")
 
 
 class Options(SourceOptions):
@@ -39,26 +42,27 @@ class Options(SourceOptions):
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
-    """Opens a data set; its traverses are `query` and `ref`.
+    """Opens a data set, the directory above it, or an archive of it; its traverses are `query` and `ref`.
 
     An index counts the images of a directory in natural order of their names, as the data sets number them.
     A query that the file does not mention has no true match.
 
     Raises:
-        RouteError: A directory or the file is missing, or the file is damaged, unsafe, or speaks of images that
-            do not exist.
+        RouteError: A directory or the file is missing, the file is damaged, unsafe, or speaks of images that do not
+            exist, or an archive is damaged.
     """
+    root = find_data_set(source, lambda place: all((place / part).is_dir() for part in _PARTS), "query and ref")
     names = {
-        part: by_stem(source / part, image_names(source / part), "" if options.same_names else f"{part}-")
-        for part in ("query", "ref")
+        part: by_stem(root / part, image_names(root / part), "" if options.same_names else f"{part}-")
+        for part in _PARTS
     }
     queries, references = list(names["query"]), list(names["ref"])
-    truth = _read_truth(source / options.truth, len(queries), len(references))
+    truth = _read_truth(root / options.truth, len(queries), len(references))
     alone = len(queries) - sum(1 for matches in truth.values() if matches)
     notes = [f"{alone} of {len(queries)} queries have no true match."] if alone else []
     return ForeignRoute(
         traverses=(
-            ForeignTraverse(part, _frames(source / part, found), count=len(found)) for part, found in names.items()
+            ForeignTraverse(part, _frames(root / part, found), count=len(found)) for part, found in names.items()
         ),
         truth=(
             TruthPair("query", queries[query], "ref", references[reference])
@@ -69,12 +73,12 @@ def read(source: Path, options: Options) -> ForeignRoute:
     )
 
 
-def _frames(directory: Path, names: dict[str, str]) -> Iterator[ForeignFrame]:
-    for stem, name in names.items():
-        yield ForeignFrame(stem, directory / name)
+def _frames(directory: TreePath, names: dict[str, str]) -> Iterator[ForeignFrame]:
+    for stem, content in read_files(directory, {name: stem for stem, name in names.items()}):
+        yield ForeignFrame(stem, content)
 
 
-def _read_truth(path: Path, queries: int, references: int) -> dict[int, list[int]]:
+def _read_truth(path: AnyPath, queries: int, references: int) -> dict[int, list[int]]:
     """Returns the indices of the references by the index of the query."""
     truth: dict[int, list[int]] = {}
     for number, row in enumerate(read_object_array(path)):

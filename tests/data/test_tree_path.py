@@ -1,0 +1,91 @@
+"""Paths into directories and archives, and finding data sets there."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from tests.data.packing import pack_files
+
+from everplace.data.archive_tree import ArchiveTree
+from everplace.data.tree_path import TreePath, find_data_set, find_places
+from everplace.errors import RouteError
+from everplace.files import readable
+
+
+def is_set(place: TreePath) -> bool:
+    return (place / "list.txt").is_file()
+
+
+def found(source: Path, *, apart: bool = False) -> list[str]:
+    return [os.path.relpath(place, source) for place in find_places(source, is_set, apart=apart)]
+
+
+def write(root: Path, *names: str) -> None:
+    for name in names:
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(name)
+
+
+def test_paths_are_used_like_those_of_the_disk(tmp_path: Path) -> None:
+    write(tmp_path, "set/a/list.txt")
+    packed = TreePath(ArchiveTree(pack_files(tmp_path / "set.tar.gz", [("a/list.txt", b"set/a/list.txt")])))
+    for top, where in ((TreePath.of(tmp_path / "set"), "set"), (packed, "set.tar.gz")):
+        file = top / "a" / "list.txt"
+        assert (top.name, file.name, file.parent.name, file.parent.parent.name) == ("set", "list.txt", "a", "set")
+        assert file.is_file()
+        assert (top / "a").is_dir()
+        assert not (top / "b").is_dir()
+        assert (top / "a").children() == ([], ["list.txt"])
+        with file.open() as opened:
+            assert opened.read() == b"set/a/list.txt"
+        assert readable(file) == str(tmp_path / where / "a/list.txt")
+        assert file.is_on_disk == (where == "set")
+    assert (TreePath.of(tmp_path / "set").parent / "set/a/list.txt").is_file()
+    assert packed.parent is packed
+
+
+def test_an_absolute_name_is_one_on_the_disk(tmp_path: Path) -> None:
+    write(tmp_path, "pairs.txt")
+    place = TreePath(ArchiveTree(pack_files(tmp_path / "a.zip", [("1.png", b"")]))) / str(tmp_path / "pairs.txt")
+    assert place.is_on_disk
+    assert place.is_file()
+    assert place.name == "pairs.txt"
+
+
+def test_the_nearest_level_counts(tmp_path: Path) -> None:
+    write(tmp_path, "x/b10/list.txt", "x/b9/list.txt", "x/deep/er/list.txt", ".h/list.txt")
+    assert found(tmp_path) == ["x/b9", "x/b10"]
+    assert found(tmp_path / "x/deep") == ["er"]
+    write(tmp_path, "list.txt")
+    assert found(tmp_path) == ["."]
+    assert found(tmp_path / "x/deep/er") == ["."]
+
+
+def test_archives_of_a_directory_are_unpacked_together_or_apart(tmp_path: Path) -> None:
+    for name in ("one.zip", "two.tgz", "sub/three.tar"):
+        pack_files(tmp_path / name, [("set/list.txt", b"")])
+    assert found(tmp_path, apart=True) == ["one/set", "two/set"]
+    assert found(tmp_path) == ["set"]
+    assert found(tmp_path / "sub") == ["set"]
+    write(tmp_path, "unpacked/list.txt")
+    assert found(tmp_path, apart=True) == ["unpacked"]
+
+
+def test_one_data_set_is_wanted(tmp_path: Path) -> None:
+    write(tmp_path, "a/list.txt", "b/list.txt", "c/other.txt")
+    with pytest.raises(RouteError, match="/a and .*/b both hold a list; give one of them"):
+        find_data_set(tmp_path, is_set, "a list")
+    assert find_data_set(tmp_path / "a", is_set, "a list").name == "a"
+    assert readable(find_data_set(tmp_path / "c", is_set, "a list")) == str(tmp_path / "c")
+    archive = pack_files(tmp_path / "a.zip", [("c/other.txt", b"")])
+    assert readable(find_data_set(archive, is_set, "a list")) == str(archive)
+
+
+def test_what_is_no_source_is_refused(tmp_path: Path) -> None:
+    write(tmp_path, "list.txt")
+    with pytest.raises(RouteError, match=r"list\.txt is neither a directory nor a tar or zip archive; give the data"):
+        found(tmp_path / "list.txt")
+    with pytest.raises(RouteError, match="gone does not exist"):
+        found(tmp_path / "gone")
