@@ -68,6 +68,31 @@ def test_a_batch_holds_the_two_frames_of_each_place_side_by_side_with_their_labe
     assert batch.places.tolist() == [3, 3, 7, 7]
 
 
+def test_the_frames_of_a_place_are_moved_alike_when_asked_for_and_lit_apart() -> None:
+    rng = np.random.default_rng(0)
+    pictures = rng.integers(60, 190, (10, 16, 16, 1), dtype=np.uint8)
+    split = SplitRoute(("a", "b"), (FrameBlock(pictures, 0), FrameBlock(pictures, 1)), (), aligned=True)
+    key = np.array([[3, 13], [17, 7]])
+
+    def pairs(augmentation: Augmentation, *, alike: bool) -> NDArray[np.uint8]:
+        frames = PairedFrames(split, augmentation, VirtualPlaces(), seed=0, alike=alike)
+        return frames[2, key].images.numpy().reshape(2, 2, 16, 16, 1)
+
+    moved = Augmentation(shift=0.2, crop=0.2)
+    together, apart = pairs(moved, alike=True), pairs(moved, alike=False)
+    assert (together[:, 0] == together[:, 1]).all()
+    assert (apart[:, 0] != apart[:, 1]).any(axis=(1, 2, 3)).all()
+    # The first frame of a pair is what it is without.
+    assert (together[:, 0] == apart[:, 0]).all()
+    both = Augmentation(shift=0.2, crop=0.2, brightness=0.2)
+    lit = pairs(both, alike=True).astype(int)
+    assert (lit[:, 0] == pairs(both, alike=False)[:, 0]).all()
+    # The second is as bright as its own position says, and nothing else.
+    change = lit[:, 1] - together[:, 1]
+    assert all(np.ptp(one) == 0 for one in change)
+    assert (lit[:, 0] != lit[:, 1]).any(axis=(1, 2, 3)).all()
+
+
 def test_virtual_places_are_drawn_from_seed_and_epoch() -> None:
     split = split_of(2, 10)
     key = np.array([[3, 13], [17, 7], [1, 11], [5, 15]])

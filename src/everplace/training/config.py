@@ -71,12 +71,26 @@ class Remedies(_Section):
     Attributes:
         contrastive: Weight of a contrastive place term between the conditions (InfoNCE on the means of z_p).
         temperature: Of the contrastive term.
+        adversary: Weight of log p(c|z_p) of a classifier that is trained to tell the condition from the means of z_p,
+            against the encoder (gradient reversal).
+        swap: Weight of log p(x_b|z_p of a, z_c of b) for two frames a, b of a place.
+        conditional_prior: The divergence of z_c is taken from a learned Gaussian of its condition, p(z_c|c).
+        free_bits: Divergence of each dimension of z, in nats, that costs nothing.
         virtual: Virtual places for the contrastive term; they have no class, so they need `weights.place = 0`.
     """
 
     contrastive: NonNegative = 0.0
     temperature: Positive = 0.1
+    adversary: NonNegative = 0.0
+    swap: NonNegative = 0.0
+    conditional_prior: bool = False
+    free_bits: NonNegative = 0.0
     virtual: VirtualPlaces = VirtualPlaces()
+
+    @property
+    def need_pairs(self) -> bool:
+        """Whether the frames of a step are to come as pairs of one place."""
+        return bool(self.contrastive or self.swap)
 
 
 class PlaceProjection(_Section):
@@ -219,8 +233,17 @@ class TrainConfig(FitConfig):
     @model_validator(mode="after")
     def _remedies_fit_the_model(self) -> TrainConfig:
         remedies = self.remedies
-        if remedies.contrastive and self.model != "cp-vae":
-            raise ValueError(f"remedies.contrastive needs place labels, which {self.model} does not use; set it to 0")
+        for name, used in (("contrastive", remedies.contrastive), ("swap", remedies.swap)):
+            if used and self.model != "cp-vae":
+                raise ValueError(f"remedies.{name} needs place labels, which {self.model} does not use; set it to 0")
+        for name, used, off in (
+            ("adversary", remedies.adversary, "0"),
+            ("conditional_prior", remedies.conditional_prior, "false"),
+        ):
+            if used and self.model not in ("c-vae", "cp-vae"):
+                raise ValueError(f"remedies.{name} needs conditions, which {self.model} does not use; set it to {off}")
+        if remedies.free_bits and self.model == "cae":
+            raise ValueError("remedies.free_bits needs a KL divergence, which cae does not have; set it to 0")
         if self.oriented_gradients and self.model != "cp-vae":
             raise ValueError(f"oriented_gradients needs place labels, which {self.model} does not use; set it to false")
         if remedies.virtual != VirtualPlaces() and (self.weights.place or not remedies.contrastive):
@@ -239,6 +262,10 @@ class TrainConfig(FitConfig):
         remedies, virtual, projection = self.remedies, self.remedies.virtual, self.projection
         named = {
             f"contrastive term (temperature {remedies.temperature:g})": bool(remedies.contrastive),
+            f"adversary on z_p (weight {remedies.adversary:g})": bool(remedies.adversary),
+            f"swap reconstruction (weight {remedies.swap:g})": bool(remedies.swap),
+            "conditional prior p(z_c|c)": remedies.conditional_prior,
+            f"free bits ({remedies.free_bits:g} nats a dimension)": bool(remedies.free_bits),
             f"virtual places (crop {virtual.crop:g}, mirror {virtual.mirror:g}, join {virtual.join:g})": (
                 virtual != VirtualPlaces()
             ),

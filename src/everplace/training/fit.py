@@ -31,6 +31,7 @@ from everplace.training.frames import Batch, EpochOrder, SplitRoute, TrainingFra
 from everplace.training.module import BoundModule
 from everplace.training.pairs import PairedFrames, PairOrder
 from everplace.training.place_projection import fit_place_projection
+from everplace.training.remedies import RemedyTerms
 from everplace.training.run_directory import locked, prepare_run, require_same_images, require_usable
 from everplace.training.selection import select_route
 from everplace.training.state import ResumeState, RunProgress, require_fitting, save_state
@@ -176,18 +177,20 @@ def _require_devices(devices: int, nodes: int, batch: int) -> None:
 
 
 def _frames(split: SplitRoute, config: TrainConfig) -> TrainingFrames:
-    if config.remedies.contrastive:
-        return PairedFrames(split, config.augmentation, config.remedies.virtual, config.seed)
+    remedies = config.remedies
+    if remedies.need_pairs:
+        alike = bool(remedies.swap)
+        return PairedFrames(split, config.augmentation, remedies.virtual, config.seed, alike=alike)
     return TrainingFrames(split, config.augmentation, config.seed)
 
 
 def _order(split: SplitRoute, config: TrainConfig, first_epoch: int) -> EpochOrder:
     frames = sum(len(block.pixels) for block in split.training)
-    if not config.remedies.contrastive:
+    if not config.remedies.need_pairs:
         return EpochOrder(frames, config.batch_size, config.seed, first_epoch=first_epoch)
     traverses = len(split.training)
     if traverses < 2:
-        raise RouteError("remedies.contrastive needs two traverses of the same places, and there is one; add another")
+        raise RouteError("pairs of frames need two traverses of the same places, and there is one; add another")
     return PairOrder(split.places, traverses, config.batch_size, config.seed, first_epoch=first_epoch)
 
 
@@ -204,14 +207,18 @@ def _module(
         model = ConditionVAE(model_config)
         if state is None:
             model.initialise()
+        # After the model, whose random numbers are so the same without them.
+        remedies = RemedyTerms(model_config, config.remedies)
     if state is None and config.oriented_gradients:
         fit_place_projection(model, split, config.projection, progress)
     done = state.progress if state is not None else RunProgress()
     if state is not None:
-        require_fitting(state, model)
+        require_fitting(state, model, remedies)
         model.load_state_dict(state.model)
+        remedies.load_state_dict(state.remedies)
     return BoundModule(
         model,
+        remedies,
         config,
         steps_per_epoch,
         first_epoch=done.epoch,
