@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from everplace.errors import ConfigError
-from everplace.training.config import CONFIG_FILE, TrainConfig, read_toml, recipe, write_config
+from everplace.training.config import CONFIG_FILE, TrainConfig, read_toml, write_config
+from everplace.training.recipes import recipe
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 
 from everplace.data.augment import Augmentation
 from everplace.data.virtual_places import VirtualPlaces
+from everplace.errors import RouteError
+from everplace.training.config import TrainConfig
 from everplace.training.frames import FrameBlock, SplitRoute
-from everplace.training.pairs import PairedFrames, PairOrder
+from everplace.training.pairs import PairedFrames, PairOrder, make_frames, make_order
 
 NONE = Augmentation()
 
@@ -104,3 +106,25 @@ def test_virtual_places_are_drawn_from_seed_and_epoch() -> None:
     # The right of each place comes from the next one of the batch.
     assert first[0, 0, -1, 0] == 57
     assert first[1, 0, -1, 0] == 7
+
+
+def test_frames_come_in_pairs_where_a_remedy_needs_them_and_only_there() -> None:
+    split = split_of(2, 10)
+    for remedies, paired in (
+        ({}, False),
+        ({"adversary": 1.0}, False),
+        ({"contrastive": 1.0}, True),
+        ({"swap": 1.0}, True),
+    ):
+        config = TrainConfig.build(model="cp-vae", epochs=1, batch_size=4, remedies=remedies)
+        assert isinstance(make_frames(split, config), PairedFrames) is paired
+        order = make_order(split, config, 3)
+        epoch, positions = next(iter(order))
+        assert (epoch, positions.shape) == (3, (2, 2) if paired else (4,))
+
+
+@pytest.mark.parametrize("remedy", ["contrastive", "swap"])
+def test_one_traverse_makes_no_pairs(remedy: str) -> None:
+    config = TrainConfig.build(model="cp-vae", epochs=1, remedies={remedy: 1.0})
+    with pytest.raises(RouteError, match=f"remedies.{remedy} needs two traverses of the same places, and there is one"):
+        make_order(split_of(1, 10), config, 0)

@@ -79,6 +79,9 @@ class ConditionAdversary(nn.Module):
 
     The classifier learns to tell the condition, and the encoder to leave nothing in z_p that it could tell it by.
     It has the shape of the paper's smaller one, x→100→classes with a rectifier. It is trained, and never used again.
+
+    Decided: its inputs are standardised over the batch. Without, the encoder makes z_p ever longer, by which a
+    classifier's wrong guesses cost without limit, and which the cosine of Eq. 6 does not see.
     """
 
     HIDDEN = 100
@@ -93,14 +96,15 @@ class ConditionAdversary(nn.Module):
         """Guesses the condition.
 
         Args:
-            z_p: (B, D), the posterior means. The paper's feature is deterministic and what is used at test time,
-                which is the descriptor; the noise of a sample would hide what a probe of the descriptor finds.
+            z_p: (B, D), the posterior means; B at least 2. The paper's feature is deterministic and what is used at
+                test time, which is the descriptor; the noise of a sample would hide what a probe of that finds.
             strength: Of the reversal.
 
         Returns:
             Logits (B, conditions).
         """
-        logits: Tensor = self.layers(reverse_gradient(z_p, strength))
+        standardised = functional.batch_norm(reverse_gradient(z_p, strength), None, None, training=True)
+        logits: Tensor = self.layers(standardised)
         return logits
 
 

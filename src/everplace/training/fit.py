@@ -21,7 +21,7 @@ from torch.utils.data import DataLoader
 
 from everplace.data.images import usable_cores
 from everplace.data.route import Route
-from everplace.errors import ConfigError, RouteError
+from everplace.errors import ConfigError
 from everplace.model.architecture import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.progress import Progress, quiet
@@ -29,7 +29,7 @@ from everplace.training.callbacks import RunKeeper, TrainingDisplay
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch, EpochOrder, SplitRoute, TrainingFrames, fingerprint, split_route
 from everplace.training.module import BoundModule
-from everplace.training.pairs import PairedFrames, PairOrder
+from everplace.training.pairs import make_frames, make_order
 from everplace.training.place_projection import fit_place_projection
 from everplace.training.remedies import RemedyTerms
 from everplace.training.run_directory import locked, prepare_run, require_same_images, require_usable
@@ -112,7 +112,7 @@ def train(
     _model_config(chosen.conditions, min(map(len, chosen.traverses)), config)
     split = split_route(chosen, config, progress)
     model_config = _model_config(split.conditions, split.places, config)
-    frames = _frames(split, config)
+    frames = make_frames(split, config)
     _require_devices(devices, nodes, min(config.batch_size, len(frames)))
     images = fingerprint(split, progress)
     with locked(out):
@@ -122,7 +122,7 @@ def train(
         end = state.progress if state is not None else RunProgress()
         if not end.finished:
             keeper = RunKeeper(out, config, split, images, end, save_every)
-            order = _order(split, config, end.epoch)
+            order = make_order(split, config, end.epoch)
             module = _module(model_config, config, len(order), split, state, progress)
             trainer = _trainer(config, end, keeper, devices, nodes, _tensorboard(out), show)
             order.share(trainer.global_rank, trainer.world_size)
@@ -174,24 +174,6 @@ def _require_devices(devices: int, nodes: int, batch: int) -> None:
             f"a batch of {batch} frames is too small for {devices * nodes} devices, which need two each; "
             "raise batch_size, add frames or give fewer --devices"
         )
-
-
-def _frames(split: SplitRoute, config: TrainConfig) -> TrainingFrames:
-    remedies = config.remedies
-    if remedies.need_pairs:
-        alike = bool(remedies.swap)
-        return PairedFrames(split, config.augmentation, remedies.virtual, config.seed, alike=alike)
-    return TrainingFrames(split, config.augmentation, config.seed)
-
-
-def _order(split: SplitRoute, config: TrainConfig, first_epoch: int) -> EpochOrder:
-    frames = sum(len(block.pixels) for block in split.training)
-    if not config.remedies.need_pairs:
-        return EpochOrder(frames, config.batch_size, config.seed, first_epoch=first_epoch)
-    traverses = len(split.training)
-    if traverses < 2:
-        raise RouteError("pairs of frames need two traverses of the same places, and there is one; add another")
-    return PairOrder(split.places, traverses, config.batch_size, config.seed, first_epoch=first_epoch)
 
 
 def _module(

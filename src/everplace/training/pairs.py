@@ -1,4 +1,4 @@
-"""Batches of pairs for the remedies that need them: two frames of each place, from different traverses."""
+"""Batches of single frames, or of pairs for the remedies that need them: two frames of a place, of two traverses."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 
 from everplace.data.augment import Augmentation, augment, augmentation_rng
 from everplace.data.virtual_places import VirtualPlaces, virtual_pairs
+from everplace.errors import RouteError
+from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch, EpochOrder, SplitRoute, TrainingFrames
 
-__all__ = ["PairOrder", "PairedFrames"]
+__all__ = ["PairOrder", "PairedFrames", "make_frames", "make_order"]
 
 _NO_MOVE = {"shift": 0.0, "crop": 0.0}
 _NO_LIGHT = {"brightness": 0.0, "contrast": 0.0, "blur": 0.0}
@@ -73,3 +75,29 @@ class PairOrder(EpochOrder):
         drawn = rng.permuted(np.tile(np.arange(self._traverses), (self._places, 1)), axis=1)
         even = drawn[:, : self._traverses // 2 * 2] * self._places + np.arange(self._places)[:, None]
         return rng.permutation(even.reshape(-1, 2))
+
+
+def make_frames(split: SplitRoute, config: TrainConfig) -> TrainingFrames:
+    """The training frames as a configuration wants them: one by one, or in pairs."""
+    remedies = config.remedies
+    if not remedies.need_pairs:
+        return TrainingFrames(split, config.augmentation, config.seed)
+    # A frame that is decoded from the other's z_p must be moved as the other is.
+    alike = bool(remedies.swap)
+    return PairedFrames(split, config.augmentation, remedies.virtual, config.seed, alike=alike)
+
+
+def make_order(split: SplitRoute, config: TrainConfig, first_epoch: int) -> EpochOrder:
+    """The order of those frames or pairs.
+
+    Raises:
+        RouteError: There are to be pairs, and there is one traverse.
+    """
+    traverses = len(split.training)
+    if not config.remedies.need_pairs:
+        frames = sum(len(block.pixels) for block in split.training)
+        return EpochOrder(frames, config.batch_size, config.seed, first_epoch=first_epoch)
+    if traverses < 2:
+        named = "contrastive" if config.remedies.contrastive else "swap"
+        raise RouteError(f"remedies.{named} needs two traverses of the same places, and there is one; add another")
+    return PairOrder(split.places, traverses, config.batch_size, config.seed, first_epoch=first_epoch)

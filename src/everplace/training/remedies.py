@@ -10,7 +10,7 @@ from everplace.model.bounds import Weights, gaussian_log_likelihood, label_log_l
 from everplace.model.config import ModelConfig
 from everplace.model.posterior import Posterior
 from everplace.model.remedies import ConditionAdversary, ConditionalPrior, free_bits, info_nce, reversal_strength
-from everplace.training.config import Remedies
+from everplace.training.sections import Remedies
 
 __all__ = ["RemedyTerms"]
 
