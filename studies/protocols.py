@@ -54,7 +54,7 @@ _CONTRASTIVE: dict[str, Any] = {
     "remedies": {"contrastive": 5000.0, "virtual": {"crop": 0.3, "mirror": 0.5, "join": 0.5}},
 }
 _REAL_PLACES: dict[str, Any] = {"remedies": {"contrastive": 5000.0}}
-_ADVERSARY: dict[str, Any] = {"adversary": 5000.0}
+_ADVERSARY: dict[str, Any] = {"adversary": 1000.0}
 _LEARNED: dict[str, Any] = {"model": "cp-vae", "fully_connected": False, "fully_connected_rate": 1.0}
 
 
@@ -77,6 +77,10 @@ INGREDIENTS: dict[str, dict[str, Any]] = {
     "best, contrastive term and virtual places": {**_BEST, **_CONTRASTIVE},
     "best, adversary on z_p": {**_BEST, "remedies": _ADVERSARY},
     "best, swap reconstruction": {**_BEST, "remedies": {"swap": 1.0}},
+    "best, swap reconstruction, z_c of another place": {
+        **_BEST,
+        "remedies": {"swap": 1.0, "swap_z_c": "other_place"},
+    },
     "best, conditional prior": {**_BEST, "remedies": {"conditional_prior": True}},
     "best, free bits": {**_BEST, "remedies": {"free_bits": 2.0}},
     "best, place target softened over neighbours": {**_BEST, "place_spread": 1.0},

@@ -137,7 +137,7 @@ def test_every_remedy_is_named() -> None:
     assert config.remedies_in_use() == [
         "contrastive term (temperature 0.1)",
         "adversary on z_p (weight 100)",
-        "swap reconstruction (weight 0.5)",
+        "swap reconstruction (weight 0.5, z_c of the same place)",
         "conditional prior p(z_c|c)",
         "free bits (0.25 nats a dimension)",
         "virtual places (crop 0.3, mirror 0.5, join 0.5)",

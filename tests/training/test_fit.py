@@ -151,7 +151,12 @@ CONTRASTIVE: dict[str, Any] = {
 
 ADDED: dict[str, tuple[dict[str, Any], str, tuple[str, ...]]] = {
     "adversary": ({"adversary": 100.0}, "adversary on z_p (weight 100)", ("adversary",)),
-    "swap": ({"swap": 1.0}, "swap reconstruction (weight 1)", ("swap",)),
+    "swap": ({"swap": 1.0}, "swap reconstruction (weight 1, z_c of the same place)", ("swap",)),
+    "swap of others": (
+        {"swap": 1.0, "swap_z_c": "other_place"},
+        "swap reconstruction (weight 1, z_c of another place)",
+        ("swap",),
+    ),
     "conditional prior": ({"conditional_prior": True}, "conditional prior p(z_c|c)", ("kl_conditional",)),
     "free bits": ({"free_bits": 2.0}, "free bits (2 nats a dimension)", ("free_place", "free_condition")),
 }

@@ -74,19 +74,37 @@ def test_the_adversary_reads_the_means_of_z_p_and_turns_their_gradient_alone() -
         torch.testing.assert_close(one, other)
 
 
-def test_a_swap_decodes_the_z_p_of_the_other_frame_of_the_place() -> None:
-    added, terms, model, output = measured(swap=0.3)
+@pytest.mark.parametrize(
+    ("swap_z_c", "donors"), [("same_place", (0, 1, 2, 3, 4, 5)), ("other_place", (3, 2, 5, 4, 0, 1))]
+)
+def test_a_swap_decodes_the_z_p_of_the_other_frame_of_the_place(swap_z_c: str, donors: tuple[int, ...]) -> None:
+    """The z_c of another place is that of the next frame in the same condition: a b b a a b."""
+    added, terms, model, output = measured(swap=0.3, swap_z_c=swap_z_c)
     log_sigma = float(optimal_log_sigma(IMAGES, output.reconstruction).detach())
     expected = []
     for frame, other in ((0, 1), (1, 0), (2, 3), (3, 2), (4, 5), (5, 4)):
-        z = torch.cat([output.z[other, :96], output.z[frame, 96:]])
+        assert CONDITIONS[donors[frame]] == CONDITIONS[frame]
+        z = torch.cat([output.z[other, :96], output.z[donors[frame], 96:]])
         with torch.no_grad():
             error = (model.decoder(z[None])[0] - IMAGES[frame]).double().square().numpy()
         density = -0.5 * error / math.exp(2 * log_sigma) - log_sigma - 0.5 * math.log(2 * math.pi)
         expected.append(float(density.sum()))
-    np.testing.assert_allclose(terms["swap"].detach().numpy(), expected, rtol=1e-4)
+    np.testing.assert_allclose(terms["swap"].detach().numpy(), expected, rtol=1e-5)
     objective = added.objective(terms, WEIGHTS)
-    assert objective.item() == pytest.approx(terms["bound"].mean().item() + 0.3 * np.mean(expected), rel=1e-4)
+    assert objective.item() == pytest.approx(terms["bound"].mean().item() + 0.3 * np.mean(expected), rel=1e-5)
+
+
+def test_a_frame_alone_in_its_condition_keeps_its_z_c() -> None:
+    model, output = made()
+    conditions = torch.tensor([0, 1, 1, 1, 1, 1])
+    swaps = [
+        RemedyTerms(CONFIG, Remedies(swap=1.0, swap_z_c=whose))(
+            model, IMAGES, output, torch.tensor(-1.0), conditions, 0.5
+        )["swap"]
+        for whose in ("same_place", "other_place")
+    ]
+    equal = torch.isclose(swaps[0], swaps[1], rtol=1e-6)
+    assert equal.tolist() == [True, False, False, False, False, False]
 
 
 def test_a_swap_does_not_reward_a_worse_reconstruction() -> None:

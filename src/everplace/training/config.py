@@ -188,10 +188,11 @@ class TrainConfig(FitConfig):
     def remedies_in_use(self) -> list[str]:
         """What this configuration has that the paper's model has not, in words; empty for a faithful one."""
         remedies, virtual, projection = self.remedies, self.remedies.virtual, self.projection
+        whose = {"same_place": "the same", "other_place": "another"}[remedies.swap_z_c]
         named = {
             f"contrastive term (temperature {remedies.temperature:g})": bool(remedies.contrastive),
             f"adversary on z_p (weight {remedies.adversary:g})": bool(remedies.adversary),
-            f"swap reconstruction (weight {remedies.swap:g})": bool(remedies.swap),
+            f"swap reconstruction (weight {remedies.swap:g}, z_c of {whose} place)": bool(remedies.swap),
             "conditional prior p(z_c|c)": remedies.conditional_prior,
             f"free bits ({remedies.free_bits:g} nats a dimension)": bool(remedies.free_bits),
             f"virtual places (crop {virtual.crop:g}, mirror {virtual.mirror:g}, join {virtual.join:g})": (

@@ -70,15 +70,18 @@ class RemedyTerms(nn.Module):
                 logits = self.adversary(split.z_p(posterior.mean), reversal_strength(progress))
             terms["adversary"] = label_log_likelihood(logits, conditions)
         if remedies.swap:
-            terms["swap"] = _swap_log_likelihood(model, images, output.z, log_sigma)
+            z_c = split.z_c(output.z)
+            if remedies.swap_z_c == "other_place":
+                z_c = z_c[_next_of_the_same(conditions)]
+            terms["swap"] = _swap_log_likelihood(model, images, split.z_p(output.z), z_c, log_sigma)
         if self.conditional_prior is None and not remedies.free_bits:
             return terms
         kl = posterior.kl()
         kl_place, kl_condition = split.z_p(kl), split.z_c(kl)
         if self.conditional_prior is not None:
             assert posterior.log_variance is not None
-            z_c = Posterior(split.z_c(posterior.mean), split.z_c(posterior.log_variance))
-            kl_condition = self.conditional_prior.kl(z_c, conditions)
+            of_z_c = Posterior(split.z_c(posterior.mean), split.z_c(posterior.log_variance))
+            kl_condition = self.conditional_prior.kl(of_z_c, conditions)
             terms["kl_conditional"] = kl_condition.sum(1)
         if remedies.free_bits:
             for name, block in (("free_place", kl_place), ("free_condition", kl_condition)):
@@ -113,20 +116,28 @@ class RemedyTerms(nn.Module):
         return objective
 
 
-def _swap_log_likelihood(model: ConditionVAE, images: Tensor, z: Tensor, log_sigma: Tensor) -> Tensor:
-    """Log p(x_b|z_p of a, z_c of b) for the two frames a, b of each place, both ways round (Mathieu et al. 2016).
+def _swap_log_likelihood(model: ConditionVAE, images: Tensor, z_p: Tensor, z_c: Tensor, log_sigma: Tensor) -> Tensor:
+    """Log p(x_b|z_p of a, z_c) for the two frames a, b of each place, both ways round (Mathieu et al. 2016).
 
     Args:
         model: The network.
         images: (B, C, H, W); the two frames of a place follow each other.
-        z: (B, D), the samples.
+        z_p: (B, D), samples.
+        z_c: (B, D), samples: for each frame, what it is to be decoded from beside the other frame's z_p.
         log_sigma: The image term's. It is held fixed here: it is that of the frames' own reconstructions, which would
             otherwise be made worse to make a swap's error more likely.
 
     Returns:
         (B,) in nats.
     """
-    split = model.split
-    other = split.z_p(z).reshape(-1, 2, split.place).flip(1).flatten(0, 1)
-    swapped = model.decoder(split.join(other, split.z_c(z)))
+    other = z_p.reshape(-1, 2, model.split.place).flip(1).flatten(0, 1)
+    swapped = model.decoder(model.split.join(other, z_c))
     return gaussian_log_likelihood(images, swapped, log_sigma.detach())
+
+
+def _next_of_the_same(conditions: Tensor) -> Tensor:
+    """For each frame of the batch the next one in its condition, around the end; itself where it is the only one."""
+    frames = torch.arange(len(conditions), device=conditions.device)
+    ahead = (frames[None, :] - frames[:, None] - 1) % len(frames)
+    same = conditions[None, :] == conditions[:, None]
+    return torch.where(same, ahead, len(frames)).argmin(1)

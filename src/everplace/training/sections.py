@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -46,7 +46,9 @@ class Remedies(Section):
         temperature: Of the contrastive term.
         adversary: Weight of log p(c|z_p) of a classifier that is trained to tell the condition from the means of z_p,
             against the encoder (gradient reversal).
-        swap: Weight of log p(x_b|z_p of a, z_c of b) for two frames a, b of a place.
+        swap: Weight of log p(x_b|z_p of a, z_c) for two frames a, b of a place.
+        swap_z_c: Whose z_c: `same_place`, that of b, which may hold all of b; `other_place`, that of another frame in
+            the condition of b, which can tell nothing of the place.
         conditional_prior: The divergence of z_c is taken from a learned Gaussian of its condition, p(z_c|c).
         free_bits: Divergence of each dimension of z, in nats, that costs nothing.
         virtual: Virtual places for the contrastive term; they have no class, so they need `weights.place = 0`.
@@ -56,6 +58,7 @@ class Remedies(Section):
     temperature: Positive = 0.1
     adversary: NonNegative = 0.0
     swap: NonNegative = 0.0
+    swap_z_c: Literal["same_place", "other_place"] = "same_place"
     conditional_prior: bool = False
     free_bits: NonNegative = 0.0
     virtual: VirtualPlaces = VirtualPlaces()
