@@ -54,7 +54,7 @@ _CONTRASTIVE: dict[str, Any] = {
     "remedies": {"contrastive": 5000.0, "virtual": {"crop": 0.3, "mirror": 0.5, "join": 0.5}},
 }
 _REAL_PLACES: dict[str, Any] = {"remedies": {"contrastive": 5000.0}}
-_ADVERSARY: dict[str, Any] = {"adversary": 1000.0}
+_ADVERSARY: dict[str, Any] = {"adversary": 200.0}
 _LEARNED: dict[str, Any] = {"model": "cp-vae", "fully_connected": False, "fully_connected_rate": 1.0}
 
 
@@ -97,6 +97,7 @@ INGREDIENTS: dict[str, dict[str, Any]] = {
     "all of z_p learned, contrastive term": {**_LEARNED, **_CONTRASTIVE, **_REAL_PLACES},
     "all of z_p learned, contrastive term and virtual places": {**_LEARNED, **_CONTRASTIVE},
     "faithful": _FAITHFUL,
+    "faithful, adversary on z_p": {**_FAITHFUL, "remedies": _ADVERSARY},
     "faithful, chain at the full learning rate": {**_FAITHFUL, "fully_connected_rate": 1.0},
     "faithful, place target softened over neighbours": {**_FAITHFUL, "place_spread": 1.0},
     "faithful, shift 0.05": {**_FAITHFUL, "augmentation": {"shift": 0.05}},
