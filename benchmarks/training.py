@@ -23,7 +23,9 @@ from everplace.model.images import to_input
 from everplace.training.config import TrainConfig
 from everplace.training.fit import GRADIENT_NORM, bf16_is_fast
 from everplace.training.frames import EpochOrder, TrainingFrames, split_route
-from everplace.training.module import BoundModule, bound_terms
+from everplace.training.module import BoundModule
+from everplace.training.remedies import RemedyTerms
+from everplace.training.terms import bound_terms
 
 SIZE = (224, 224)
 BATCH = 32
@@ -42,7 +44,9 @@ def measure(scratch: Path) -> list[Ratio]:
     stored = [frames[key] for key in order]
     everplace, bare = [], []
     for _ in range(ROUNDS):  # by turns, so that a busy machine slows both
-        everplace += _lightning_steps(BoundModule(ConditionVAE(model_config), config, len(order)), frames, order)
+        remedies = RemedyTerms(model_config, config.remedies)
+        module = BoundModule(ConditionVAE(model_config), remedies, config, len(order))
+        everplace += _lightning_steps(module, frames, order)
         bare += _bare_steps(ConditionVAE(model_config), config, [(to_input(b.images), b) for b in stored])
     ours, theirs = float(np.median(everplace)), float(np.median(bare))
     return [

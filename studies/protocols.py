@@ -54,6 +54,7 @@ _CONTRASTIVE: dict[str, Any] = {
     "remedies": {"contrastive": 5000.0, "virtual": {"crop": 0.3, "mirror": 0.5, "join": 0.5}},
 }
 _REAL_PLACES: dict[str, Any] = {"remedies": {"contrastive": 5000.0}}
+_ADVERSARY: dict[str, Any] = {"adversary": 200.0}
 _LEARNED: dict[str, Any] = {"model": "cp-vae", "fully_connected": False, "fully_connected_rate": 1.0}
 
 
@@ -74,6 +75,14 @@ INGREDIENTS: dict[str, dict[str, Any]] = {
     "best, ridge 8": _projection(ridge=8.0),
     "best, contrastive term instead of place classes": {**_BEST, **_CONTRASTIVE, **_REAL_PLACES},
     "best, contrastive term and virtual places": {**_BEST, **_CONTRASTIVE},
+    "best, adversary on z_p": {**_BEST, "remedies": _ADVERSARY},
+    "best, swap reconstruction": {**_BEST, "remedies": {"swap": 1.0}},
+    "best, swap reconstruction, z_c of another place": {
+        **_BEST,
+        "remedies": {"swap": 1.0, "swap_z_c": "other_place"},
+    },
+    "best, conditional prior": {**_BEST, "remedies": {"conditional_prior": True}},
+    "best, free bits": {**_BEST, "remedies": {"free_bits": 2.0}},
     "best, place target softened over neighbours": {**_BEST, "place_spread": 1.0},
     "best, Table 1's chain": {**_BEST, "fully_connected": True, "fully_connected_rate": 0.1},
     "best, place weight 1,000": {**_BEST, "weights": {"place": 1000.0}},
@@ -84,9 +93,11 @@ INGREDIENTS: dict[str, dict[str, Any]] = {
     "best, shift 0.05": {**_BEST, "augmentation": {"shift": 0.05}},
     "best, no change of brightness and contrast": {**_BEST, "augmentation": {"brightness": 0.0, "contrast": 0.0}},
     "best, 16 epochs": {**_BEST, "epochs": 16},
+    "all of z_p learned, adversary on z_p": {**_LEARNED, "remedies": _ADVERSARY},
     "all of z_p learned, contrastive term": {**_LEARNED, **_CONTRASTIVE, **_REAL_PLACES},
     "all of z_p learned, contrastive term and virtual places": {**_LEARNED, **_CONTRASTIVE},
     "faithful": _FAITHFUL,
+    "faithful, adversary on z_p": {**_FAITHFUL, "remedies": _ADVERSARY},
     "faithful, chain at the full learning rate": {**_FAITHFUL, "fully_connected_rate": 1.0},
     "faithful, place target softened over neighbours": {**_FAITHFUL, "place_spread": 1.0},
     "faithful, shift 0.05": {**_FAITHFUL, "augmentation": {"shift": 0.05}},

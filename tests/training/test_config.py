@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from everplace.errors import ConfigError
-from everplace.training.config import CONFIG_FILE, TrainConfig, read_toml, recipe, write_config
+from everplace.training.config import CONFIG_FILE, TrainConfig, read_toml, write_config
+from everplace.training.recipes import recipe
 
 
 @pytest.mark.parametrize(
@@ -35,8 +36,22 @@ from everplace.training.config import CONFIG_FILE, TrainConfig, read_toml, recip
         ({"epochs": None}, "give exactly one of epochs and minutes"),
         ({"recipe": "worst"}, "--recipe 'worst' does not exist; choose faithful or best"),
         ({"recipe": "best"}, "--recipe best is a recipe of cp-vae, not of vae"),
-        ({"remedies": {"adversary": 1}}, r"remedies\.adversary: .*; known are contrastive, temperature"),
-        ({"remedies": {"contrastive": 1}}, "remedies.contrastive needs place labels"),
+        ({"remedies": {"mixup": 1}}, r"remedies\.mixup: .*; known are contrastive, temperature, adversary"),
+        ({"remedies": {"contrastive": 1}}, "remedies.contrastive needs place labels, which vae does not use; set"),
+        (
+            {"model": "c-vae", "remedies": {"swap": 1}},
+            "remedies.swap needs place labels, which c-vae does not use",
+        ),
+        ({"remedies": {"adversary": 1}}, "remedies.adversary needs conditions, which vae does not use; set it to 0"),
+        (
+            {"model": "cae", "remedies": {"conditional_prior": True}},
+            "remedies.conditional_prior needs conditions, which cae does not use; set it to false",
+        ),
+        (
+            {"model": "cae", "remedies": {"free_bits": 1}},
+            "remedies.free_bits needs a KL divergence, which cae does",
+        ),
+        ({"remedies": {"free_bits": -1}}, r"remedies\.free_bits: .*greater than or equal to 0"),
         (
             {"model": "cp-vae", "remedies": {"contrastive": 1, "virtual": {"join": 0.5}}},
             "remedies.virtual makes places without a class; set weights.place to 0",
@@ -110,10 +125,21 @@ def test_every_remedy_is_named() -> None:
         model="cp-vae",
         epochs=1,
         weights={"place": 0.0},
-        remedies={"contrastive": 5000.0, "virtual": {"crop": 0.3, "mirror": 0.5, "join": 0.5}},
+        remedies={
+            "contrastive": 5000.0,
+            "adversary": 100.0,
+            "swap": 0.5,
+            "conditional_prior": True,
+            "free_bits": 0.25,
+            "virtual": {"crop": 0.3, "mirror": 0.5, "join": 0.5},
+        },
     )
     assert config.remedies_in_use() == [
         "contrastive term (temperature 0.1)",
+        "adversary on z_p (weight 100)",
+        "swap reconstruction (weight 0.5, z_c of the same place)",
+        "conditional prior p(z_c|c)",
+        "free bits (0.25 nats a dimension)",
         "virtual places (crop 0.3, mirror 0.5, join 0.5)",
         "no place classes",
     ]

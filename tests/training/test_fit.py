@@ -149,48 +149,99 @@ CONTRASTIVE: dict[str, Any] = {
 }
 
 
+ADDED: dict[str, tuple[dict[str, Any], str, tuple[str, ...]]] = {
+    "adversary": ({"adversary": 100.0}, "adversary on z_p (weight 100)", ("adversary",)),
+    "swap": ({"swap": 1.0}, "swap reconstruction (weight 1, z_c of the same place)", ("swap",)),
+    "swap of others": (
+        {"swap": 1.0, "swap_z_c": "other_place"},
+        "swap reconstruction (weight 1, z_c of another place)",
+        ("swap",),
+    ),
+    "conditional prior": ({"conditional_prior": True}, "conditional prior p(z_c|c)", ("kl_conditional",)),
+    "free bits": ({"free_bits": 2.0}, "free bits (2 nats a dimension)", ("free_place", "free_condition")),
+}
+
+
 @pytest.mark.parametrize(
-    ("values", "remedy", "term"),
-    [({"recipe": "best"}, "oriented gradients", "place"), (CONTRASTIVE, "contrastive term", "contrastive")],
-    ids=["best", "contrastive"],
+    ("values", "remedy", "terms"),
+    [
+        ({"recipe": "best"}, "oriented gradients", ("place",)),
+        (CONTRASTIVE, "contrastive term", ("contrastive",)),
+        *(({"remedies": remedies}, name, terms) for remedies, name, terms in ADDED.values()),
+    ],
+    ids=["best", "contrastive", *ADDED],
 )
 def test_remedies_are_trained_named_and_resumed_to_the_same_weights(
-    values: dict[str, Any], remedy: str, term: str, route: Route, make_config: MakeConfig, tmp_path: Path
+    values: dict[str, Any], remedy: str, terms: tuple[str, ...], route: Route, make_config: MakeConfig, tmp_path: Path
 ) -> None:
     config = make_config(epochs=2, **values)
     summary = train(route, config, tmp_path / "whole", save_every=0)
     metrics = read_metrics(tmp_path / "whole")
-    assert (metrics[term] < 0).all()
-    assert np.isnan(metrics[{"place": "contrastive", "contrastive": "place"}[term]]).all()
+    own = {"contrastive", *(term for _, _, some in ADDED.values() for term in some)}
+    for term in own | {"place"}:
+        used = term in terms or (term == "place" and "contrastive" not in terms)
+        assert np.isfinite(metrics[term]).all() if used else np.isnan(metrics[term]).all(), term
     checkpoint = load_checkpoint(tmp_path / "whole")
     assert remedy in str(checkpoint.about["remedies"])
-    assert (checkpoint.model.place_head is None) is (term == "contrastive")
+    assert (checkpoint.model.place_head is None) is ("contrastive" in terms)
     assert not list(checkpoint.model.encoder.fully_connected)
     assert summary.frames == 16
-    # Stopped after the first epoch and gone on with.
     stopped = tmp_path / "stopped"
-
-    class StopError(Exception):
-        pass
-
-    def stop(done: int) -> None:
-        if done:
-            raise StopError
-
-    keep = RunKeeper.on_train_epoch_end
-    with pytest.MonkeyPatch.context() as patch:
-
-        def end_early(self: RunKeeper, trainer: Any, module: Any) -> None:
-            keep(self, trainer, module)
-            stop(self.progress.epoch)
-
-        patch.setattr(RunKeeper, "on_train_epoch_end", end_early)
-        with pytest.raises(StopError):
-            train(route, config, stopped, save_every=0)
+    train_and_stop_after_an_epoch(route, config, stopped)
     train(route, config, stopped, resume=True, save_every=0)
     again = load_checkpoint(stopped).model.state_dict()
     for name, value in checkpoint.model.state_dict().items():
         assert torch.equal(value, again[name]), name
+    assert (read_metrics(stopped)[terms[0]] == metrics[terms[0]]).all()
+
+
+def train_and_stop_after_an_epoch(route: Route, config: TrainConfig, out: Path) -> None:
+    class StopError(Exception):
+        pass
+
+    keep = RunKeeper.on_train_epoch_end
+
+    def end_early(self: RunKeeper, trainer: Any, module: Any) -> None:
+        keep(self, trainer, module)
+        raise StopError
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(RunKeeper, "on_train_epoch_end", end_early)
+        with pytest.raises(StopError):
+            train(route, config, out, save_every=0)
+
+
+@pytest.fixture(scope="module")
+def plain_weights(
+    route: Route, make_config: MakeConfig, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, torch.Tensor]:
+    """The weights of a run of one epoch without remedies."""
+    out = tmp_path_factory.mktemp("runs") / "plain"
+    train(route, make_config(epochs=1), out)
+    return load_checkpoint(out).model.state_dict()
+
+
+@pytest.mark.parametrize("remedies", [values for values, _, _ in ADDED.values()], ids=list(ADDED))
+def test_what_a_remedy_trains_beside_the_model_is_kept_to_resume_from_and_not_in_the_checkpoint(
+    remedies: dict[str, Any],
+    plain_weights: dict[str, torch.Tensor],
+    route: Route,
+    make_config: MakeConfig,
+    tmp_path: Path,
+) -> None:
+    config = make_config(epochs=2, remedies=remedies)
+    train_and_stop_after_an_epoch(route, config, tmp_path / "run")
+    state = load_state(tmp_path / "run")
+    assert state is not None
+    parts = {name.split(".")[0] for name in state.remedies}
+    assert parts == {"adversary", "conditional_prior"} & set(remedies)
+    found = load_checkpoint(tmp_path / "run").model.state_dict()
+    assert {name: value.shape for name, value in found.items()} == {
+        name: value.shape for name, value in plain_weights.items()
+    }
+    assert all(torch.isfinite(value).all() for value in found.values())
+    # It changes what is learned.
+    assert any(not torch.equal(found[name], value) for name, value in plain_weights.items())
 
 
 def test_nothing_is_printed_on_stdout(

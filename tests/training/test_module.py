@@ -23,7 +23,9 @@ from everplace.model.config import MODEL_KINDS, ModelConfig, ModelKind
 from everplace.model.images import to_input
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch
-from everplace.training.module import BoundModule, bound_terms, step_noise
+from everplace.training.module import BoundModule
+from everplace.training.remedies import RemedyTerms
+from everplace.training.terms import bound_terms, step_noise
 
 MakeConfig = Callable[..., TrainConfig]
 
@@ -41,7 +43,7 @@ def small_model(kind: ModelKind) -> ConditionVAE:
 
 
 def small_module(model: ConditionVAE, config: TrainConfig) -> BoundModule:
-    module = BoundModule(model, config, steps_per_epoch=2)
+    module = BoundModule(model, RemedyTerms(model.config, config.remedies), config, steps_per_epoch=2)
     module.trainer = lightning.Trainer(
         accelerator="cpu", logger=False, enable_checkpointing=False, enable_progress_bar=False,
         enable_model_summary=False,
@@ -188,10 +190,8 @@ def test_poisoned_weights_stop_the_run(make_config: MakeConfig) -> None:
 
 @pytest.mark.parametrize("has_checkpoint", [True, False])
 def test_a_checkpoint_is_spoken_of_only_where_there_is_one(make_config: MakeConfig, has_checkpoint: bool) -> None:
-    module = BoundModule(
-        small_model("vae"), make_config(), steps_per_epoch=2, first_epoch=3, has_checkpoint=has_checkpoint
-    )
-    module.trainer = small_module(small_model("vae"), make_config()).trainer
+    module = small_module(small_model("vae"), make_config())
+    module.first_epoch, module.has_checkpoint = 3, has_checkpoint
     with pytest.raises(DivergedError) as caught:
         module.require_finite({"loss": float("nan")})
     assert ("last good checkpoint stands" in str(caught.value)) is has_checkpoint

@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 
 from everplace.data.augment import Augmentation
 from everplace.data.virtual_places import VirtualPlaces
+from everplace.errors import RouteError
+from everplace.training.config import TrainConfig
 from everplace.training.frames import FrameBlock, SplitRoute
-from everplace.training.pairs import PairedFrames, PairOrder
+from everplace.training.pairs import PairedFrames, PairOrder, make_frames, make_order
 
 NONE = Augmentation()
 
@@ -68,6 +70,31 @@ def test_a_batch_holds_the_two_frames_of_each_place_side_by_side_with_their_labe
     assert batch.places.tolist() == [3, 3, 7, 7]
 
 
+def test_the_frames_of_a_place_are_moved_alike_when_asked_for_and_lit_apart() -> None:
+    rng = np.random.default_rng(0)
+    pictures = rng.integers(60, 190, (10, 16, 16, 1), dtype=np.uint8)
+    split = SplitRoute(("a", "b"), (FrameBlock(pictures, 0), FrameBlock(pictures, 1)), (), aligned=True)
+    key = np.array([[3, 13], [17, 7]])
+
+    def pairs(augmentation: Augmentation, *, alike: bool) -> NDArray[np.uint8]:
+        frames = PairedFrames(split, augmentation, VirtualPlaces(), seed=0, alike=alike)
+        return frames[2, key].images.numpy().reshape(2, 2, 16, 16, 1)
+
+    moved = Augmentation(shift=0.2, crop=0.2)
+    together, apart = pairs(moved, alike=True), pairs(moved, alike=False)
+    assert (together[:, 0] == together[:, 1]).all()
+    assert (apart[:, 0] != apart[:, 1]).any(axis=(1, 2, 3)).all()
+    # The first frame of a pair is what it is without.
+    assert (together[:, 0] == apart[:, 0]).all()
+    both = Augmentation(shift=0.2, crop=0.2, brightness=0.2)
+    lit = pairs(both, alike=True).astype(int)
+    assert (lit[:, 0] == pairs(both, alike=False)[:, 0]).all()
+    # The second is as bright as its own position says, and nothing else.
+    change = lit[:, 1] - together[:, 1]
+    assert all(np.ptp(one) == 0 for one in change)
+    assert (lit[:, 0] != lit[:, 1]).any(axis=(1, 2, 3)).all()
+
+
 def test_virtual_places_are_drawn_from_seed_and_epoch() -> None:
     split = split_of(2, 10)
     key = np.array([[3, 13], [17, 7], [1, 11], [5, 15]])
@@ -79,3 +106,25 @@ def test_virtual_places_are_drawn_from_seed_and_epoch() -> None:
     # The right of each place comes from the next one of the batch.
     assert first[0, 0, -1, 0] == 57
     assert first[1, 0, -1, 0] == 7
+
+
+def test_frames_come_in_pairs_where_a_remedy_needs_them_and_only_there() -> None:
+    split = split_of(2, 10)
+    for remedies, paired in (
+        ({}, False),
+        ({"adversary": 1.0}, False),
+        ({"contrastive": 1.0}, True),
+        ({"swap": 1.0}, True),
+    ):
+        config = TrainConfig.build(model="cp-vae", epochs=1, batch_size=4, remedies=remedies)
+        assert isinstance(make_frames(split, config), PairedFrames) is paired
+        order = make_order(split, config, 3)
+        epoch, positions = next(iter(order))
+        assert (epoch, positions.shape) == (3, (2, 2) if paired else (4,))
+
+
+@pytest.mark.parametrize("remedy", ["contrastive", "swap"])
+def test_one_traverse_makes_no_pairs(remedy: str) -> None:
+    config = TrainConfig.build(model="cp-vae", epochs=1, remedies={remedy: 1.0})
+    with pytest.raises(RouteError, match=f"remedies.{remedy} needs two traverses of the same places, and there is one"):
+        make_order(split_of(1, 10), config, 0)

@@ -16,10 +16,11 @@ from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import load_checkpoint
 from everplace.model.config import ModelConfig
 from everplace.model.images import to_input
-from everplace.training.config import PlaceProjection, TrainConfig
+from everplace.training.config import TrainConfig
 from everplace.training.fit import train
 from everplace.training.frames import FrameBlock, SplitRoute, split_route
 from everplace.training.place_projection import fit_place_projection
+from everplace.training.sections import PlaceProjection
 
 MakeConfig = Callable[..., TrainConfig]
 

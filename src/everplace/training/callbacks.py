@@ -61,7 +61,7 @@ class RunKeeper(lightning.Callback):
         assert isinstance(pl_module, BoundModule)
         epoch = pl_module.epoch + 1
         # No later loss would tell of what the epoch's last step did.
-        pl_module.require_finite(pl_module.model.state_dict())
+        pl_module.require_finite({**pl_module.model.state_dict(), **pl_module.remedies.state_dict()})
         row = {"epoch": float(epoch), "seconds": pl_module.seconds, **pl_module.epoch_means()}
         last = trainer.should_stop or epoch == self._config.epochs
         if epoch % self._config.validate_every == 0 or last:
@@ -101,7 +101,8 @@ class RunKeeper(lightning.Callback):
         for logger in trainer.loggers:
             logger.log_metrics(row, step=self.progress.epoch)
         if time.monotonic() - self._saved >= self._save_every:
-            save_state(self._run, self.progress, module.model, trainer.optimizers[0], self._images)
+            optimizer = trainer.optimizers[0]
+            save_state(self._run, self.progress, module.model, optimizer, self._images, module.remedies)
             self._saved = time.monotonic()
 
     def _warn_of_collapse(self, row: dict[str, float]) -> None:
@@ -187,8 +188,9 @@ class TrainingDisplay(lightning.Callback):
     def _terms(row: dict[str, float]) -> str:
         shown = {
             "bound": "bound", "image": "log p(x|z)", "place": "log p(p|z_p)", "contrastive": "contrastive",
-            "condition": "log p(c|z_c)",
-            "kl_place": "KL z_p", "kl_condition": "KL z_c", "active_place": "active z_p",
+            "condition": "log p(c|z_c)", "adversary": "adversary's log p(c|z_p)", "swap": "log p(x|swapped z)",
+            "kl_place": "KL z_p", "kl_condition": "KL z_c", "kl_conditional": "KL z_c given c",
+            "free_place": "free bits z_p", "free_condition": "free bits z_c", "active_place": "active z_p",
             "active_condition": "active z_c", "held_out_recall_at_1": "held-out recall@1",
         }  # fmt: skip
         return "  ".join(f"{label} {row[name]:.4g}" for name, label in shown.items() if name in row)

@@ -7,13 +7,15 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from everplace.data.augment import Augmentation
 from everplace.data.virtual_places import VirtualPlaces
 from everplace.errors import ConfigError
 from everplace.files import readable, write_text
 from everplace.model.config import ModelKind
+from everplace.training.recipes import recipe
+from everplace.training.sections import NonNegative, PlaceProjection, Positive, Remedies, Section, TermWeights
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -24,78 +26,18 @@ __all__ = [
     "CONFIG_FILE",
     "DEFAULT_EPOCHS",
     "FitConfig",
-    "PlaceProjection",
-    "Remedies",
-    "TermWeights",
     "TrainConfig",
     "read_toml",
-    "recipe",
     "write_config",
 ]
 
 CONFIG_FILE = "config.toml"
 DEFAULT_EPOCHS = 40
 
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-
-
 _Config = TypeVar("_Config", bound="FitConfig")
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class TermWeights(_Section):
-    """Weights of the terms of the bound ("weighted Eq. 1, 3, 5"); all 1 is the bound as the paper writes it.
-
-    Attributes:
-        image: Of log p(x|z), summed over pixels.
-        condition: Of log p(c|z_c).
-        place: Of log p(p|z_p).
-        beta_place: Of the KL divergence of z_p, after the warm-up.
-        beta_condition: Of the KL divergence of z_c, after the warm-up.
-    """
-
-    image: NonNegative = 1.0
-    condition: NonNegative = 1.0
-    place: NonNegative = 1.0
-    beta_place: NonNegative = 1.0
-    beta_condition: NonNegative = 1.0
-
-
-class Remedies(_Section):
-    """What the paper's bound does not have; all of it is off in the recipe `faithful`.
-
-    Attributes:
-        contrastive: Weight of a contrastive place term between the conditions (InfoNCE on the means of z_p).
-        temperature: Of the contrastive term.
-        virtual: Virtual places for the contrastive term; they have no class, so they need `weights.place = 0`.
-    """
-
-    contrastive: NonNegative = 0.0
-    temperature: Positive = 0.1
-    virtual: VirtualPlaces = VirtualPlaces()
-
-
-class PlaceProjection(_Section):
-    """How the projection of oriented gradients to z_p is fitted and trained.
-
-    Attributes:
-        ridge: Of the discriminant, in units of the mean variance within places.
-        stretches: How often what the traverses differ by along whole stretches is counted beside their differences.
-        light: How often what other light would change is counted.
-        rate: Learning rate of the projection, as a fraction of the others'; 0 leaves it as it was fitted.
-    """
-
-    ridge: Positive = 2.0
-    stretches: NonNegative = 20.0
-    light: NonNegative = 1.0
-    rate: NonNegative = 0.1
-
-
-class FitConfig(_Section):
+class FitConfig(Section):
     """What every method that is fitted is told: itself, what of the route it is fitted on, and its seed.
 
     Attributes:
@@ -219,8 +161,17 @@ class TrainConfig(FitConfig):
     @model_validator(mode="after")
     def _remedies_fit_the_model(self) -> TrainConfig:
         remedies = self.remedies
-        if remedies.contrastive and self.model != "cp-vae":
-            raise ValueError(f"remedies.contrastive needs place labels, which {self.model} does not use; set it to 0")
+        for name, used in (("contrastive", remedies.contrastive), ("swap", remedies.swap)):
+            if used and self.model != "cp-vae":
+                raise ValueError(f"remedies.{name} needs place labels, which {self.model} does not use; set it to 0")
+        for name, used, off in (
+            ("adversary", remedies.adversary, "0"),
+            ("conditional_prior", remedies.conditional_prior, "false"),
+        ):
+            if used and self.model not in ("c-vae", "cp-vae"):
+                raise ValueError(f"remedies.{name} needs conditions, which {self.model} does not use; set it to {off}")
+        if remedies.free_bits and self.model == "cae":
+            raise ValueError("remedies.free_bits needs a KL divergence, which cae does not have; set it to 0")
         if self.oriented_gradients and self.model != "cp-vae":
             raise ValueError(f"oriented_gradients needs place labels, which {self.model} does not use; set it to false")
         if remedies.virtual != VirtualPlaces() and (self.weights.place or not remedies.contrastive):
@@ -237,8 +188,13 @@ class TrainConfig(FitConfig):
     def remedies_in_use(self) -> list[str]:
         """What this configuration has that the paper's model has not, in words; empty for a faithful one."""
         remedies, virtual, projection = self.remedies, self.remedies.virtual, self.projection
+        whose = {"same_place": "the same", "other_place": "another"}[remedies.swap_z_c]
         named = {
             f"contrastive term (temperature {remedies.temperature:g})": bool(remedies.contrastive),
+            f"adversary on z_p (weight {remedies.adversary:g})": bool(remedies.adversary),
+            f"swap reconstruction (weight {remedies.swap:g}, z_c of {whose} place)": bool(remedies.swap),
+            "conditional prior p(z_c|c)": remedies.conditional_prior,
+            f"free bits ({remedies.free_bits:g} nats a dimension)": bool(remedies.free_bits),
             f"virtual places (crop {virtual.crop:g}, mirror {virtual.mirror:g}, join {virtual.join:g})": (
                 virtual != VirtualPlaces()
             ),
@@ -252,36 +208,6 @@ class TrainConfig(FitConfig):
     @classmethod
     def _defaults(cls, values: dict[str, Any]) -> dict[str, Any]:
         return recipe(str(values.get("model")), str(values.get("recipe", "faithful")))
-
-
-def recipe(model: str, name: str) -> dict[str, Any]:
-    """The defaults of a recipe for a kind of model.
-
-    Raises:
-        ConfigError: There is no recipe of that name.
-    """
-    if name not in ("faithful", "best"):
-        raise ConfigError(f"--recipe {name!r} does not exist; choose faithful or best")
-    if name == "best" and model != "cp-vae":
-        raise ConfigError(f"--recipe best is a recipe of cp-vae, not of {model}; choose faithful")
-    defaults: dict[str, Any] = {
-        "recipe": name,
-        "batch_size": 64,
-        "weight_decay": 0.1,
-        "augmentation": {"shift": 0.03, "crop": 0.03, "brightness": 0.18, "contrast": 0.35},
-    }
-    if model == "c-vae":
-        defaults["weights"] = {"condition": 100.0}
-    if model == "cp-vae":
-        defaults["weights"] = {"condition": 100.0, "place": 5000.0}
-    return {**defaults, **_BEST} if name == "best" else defaults
-
-
-_BEST: dict[str, Any] = {
-    "oriented_gradients": True,
-    "fully_connected": False,
-    "fully_connected_rate": 1.0,
-}
 
 
 def read_toml(path: Path) -> dict[str, Any]:

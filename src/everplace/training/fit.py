@@ -21,7 +21,7 @@ from torch.utils.data import DataLoader
 
 from everplace.data.images import usable_cores
 from everplace.data.route import Route
-from everplace.errors import ConfigError, RouteError
+from everplace.errors import ConfigError
 from everplace.model.architecture import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.progress import Progress, quiet
@@ -29,8 +29,9 @@ from everplace.training.callbacks import RunKeeper, TrainingDisplay
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch, EpochOrder, SplitRoute, TrainingFrames, fingerprint, split_route
 from everplace.training.module import BoundModule
-from everplace.training.pairs import PairedFrames, PairOrder
+from everplace.training.pairs import make_frames, make_order
 from everplace.training.place_projection import fit_place_projection
+from everplace.training.remedies import RemedyTerms
 from everplace.training.run_directory import locked, prepare_run, require_same_images, require_usable
 from everplace.training.selection import select_route
 from everplace.training.state import ResumeState, RunProgress, require_fitting, save_state
@@ -111,7 +112,7 @@ def train(
     _model_config(chosen.conditions, min(map(len, chosen.traverses)), config)
     split = split_route(chosen, config, progress)
     model_config = _model_config(split.conditions, split.places, config)
-    frames = _frames(split, config)
+    frames = make_frames(split, config)
     _require_devices(devices, nodes, min(config.batch_size, len(frames)))
     images = fingerprint(split, progress)
     with locked(out):
@@ -121,7 +122,7 @@ def train(
         end = state.progress if state is not None else RunProgress()
         if not end.finished:
             keeper = RunKeeper(out, config, split, images, end, save_every)
-            order = _order(split, config, end.epoch)
+            order = make_order(split, config, end.epoch)
             module = _module(model_config, config, len(order), split, state, progress)
             trainer = _trainer(config, end, keeper, devices, nodes, _tensorboard(out), show)
             order.share(trainer.global_rank, trainer.world_size)
@@ -175,22 +176,6 @@ def _require_devices(devices: int, nodes: int, batch: int) -> None:
         )
 
 
-def _frames(split: SplitRoute, config: TrainConfig) -> TrainingFrames:
-    if config.remedies.contrastive:
-        return PairedFrames(split, config.augmentation, config.remedies.virtual, config.seed)
-    return TrainingFrames(split, config.augmentation, config.seed)
-
-
-def _order(split: SplitRoute, config: TrainConfig, first_epoch: int) -> EpochOrder:
-    frames = sum(len(block.pixels) for block in split.training)
-    if not config.remedies.contrastive:
-        return EpochOrder(frames, config.batch_size, config.seed, first_epoch=first_epoch)
-    traverses = len(split.training)
-    if traverses < 2:
-        raise RouteError("remedies.contrastive needs two traverses of the same places, and there is one; add another")
-    return PairOrder(split.places, traverses, config.batch_size, config.seed, first_epoch=first_epoch)
-
-
 def _module(
     model_config: ModelConfig,
     config: TrainConfig,
@@ -204,14 +189,18 @@ def _module(
         model = ConditionVAE(model_config)
         if state is None:
             model.initialise()
+        # After the model, whose random numbers are so the same without them.
+        remedies = RemedyTerms(model_config, config.remedies)
     if state is None and config.oriented_gradients:
         fit_place_projection(model, split, config.projection, progress)
     done = state.progress if state is not None else RunProgress()
     if state is not None:
-        require_fitting(state, model)
+        require_fitting(state, model, remedies)
         model.load_state_dict(state.model)
+        remedies.load_state_dict(state.remedies)
     return BoundModule(
         model,
+        remedies,
         config,
         steps_per_epoch,
         first_epoch=done.epoch,

@@ -10,82 +10,22 @@ from itertools import groupby
 from typing import Any
 
 import lightning
-import numpy as np
 import torch
 from torch import Tensor
 
 from everplace.errors import DivergedError
 from everplace.model.architecture import ConditionVAE, Output
-from everplace.model.bounds import (
-    Weights,
-    c_vae_bound,
-    cae_objective,
-    cp_vae_bound,
-    gaussian_log_likelihood,
-    label_log_likelihood,
-    optimal_log_sigma,
-    soft_clipped_log_sigma,
-    soft_place_targets,
-    vae_bound,
-)
+from everplace.model.bounds import Weights, optimal_log_sigma, soft_clipped_log_sigma, soft_place_targets
 from everplace.model.images import to_input
 from everplace.model.posterior import ACTIVE_ABOVE
-from everplace.model.remedies import info_nce
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch
+from everplace.training.remedies import RemedyTerms
+from everplace.training.terms import bound_terms, step_noise
 
-__all__ = ["BoundModule", "bound_terms", "step_noise"]
+__all__ = ["BoundModule"]
 
 _WARMUP = 0.03  # of the whole run
-
-
-def step_noise(seed: int, step: int, frames: int, dimensions: int) -> Tensor:
-    """The standard normal noise of one step, (frames, dimensions), the same whenever it is drawn."""
-    mixed = np.random.SeedSequence((seed, step)).generate_state(1, np.uint64)[0]
-    generator = torch.Generator().manual_seed(int(mixed) >> 1)
-    return torch.randn(frames, dimensions, generator=generator)
-
-
-def bound_terms(
-    model: ConditionVAE,
-    images: Tensor,
-    output: Output,
-    log_sigma: Tensor,
-    labels: tuple[Tensor, Tensor | None],
-    weights: Weights,
-) -> dict[str, Tensor]:
-    """The terms of the model's bound for each frame, (B,), and the bound itself under `bound`.
-
-    The plain autoencoder has no bound and no terms; its objective stands under `bound`.
-
-    Args:
-        model: Says which bound it is.
-        images: (B, C, H, W) in [0, 1].
-        output: What the model made of them.
-        log_sigma: The decoder's log sigma.
-        labels: Condition indices (B,), and the place target (B,) or (B, K); without a place target the place term
-            is left out, as held-out places have no class.
-        weights: Weights of the terms.
-    """
-    if model.config.kind == "cae":
-        return {"bound": cae_objective(images, output.reconstruction)}
-    kl = output.posterior.kl()
-    terms = {
-        "image": gaussian_log_likelihood(images, output.reconstruction, log_sigma),
-        "kl_place": model.split.z_p(kl).sum(1),
-        "kl_condition": model.split.z_c(kl).sum(1),
-    }
-    conditions, places = labels
-    if output.condition_logits is None:
-        terms["bound"] = vae_bound(**terms, weights=weights)
-        return terms
-    terms["condition"] = label_log_likelihood(output.condition_logits, conditions)
-    if output.place_logits is None or places is None:
-        terms["bound"] = c_vae_bound(**terms, weights=weights)
-        return terms
-    terms["place"] = label_log_likelihood(output.place_logits, places)
-    terms["bound"] = cp_vae_bound(**terms, weights=weights)
-    return terms
 
 
 class BoundModule(lightning.LightningModule):
@@ -93,6 +33,7 @@ class BoundModule(lightning.LightningModule):
 
     Attributes:
         model: The network.
+        remedies: What the run adds to the bound.
         config: The run's configuration.
         first_epoch: Epochs that were done before this process started.
         seconds_before: Training seconds of earlier processes of this run.
@@ -102,6 +43,7 @@ class BoundModule(lightning.LightningModule):
     def __init__(
         self,
         model: ConditionVAE,
+        remedies: RemedyTerms,
         config: TrainConfig,
         steps_per_epoch: int,
         *,
@@ -112,6 +54,7 @@ class BoundModule(lightning.LightningModule):
     ) -> None:
         super().__init__()
         self.model = model
+        self.remedies = remedies
         self.config = config
         self.first_epoch = first_epoch
         self.seconds_before = seconds_before
@@ -197,7 +140,7 @@ class BoundModule(lightning.LightningModule):
             self.trainer.should_stop = True
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
-        """The negative weighted bound, a mean over frames and divided by the number of pixel values.
+        """The negative objective: a mean over frames, divided by the number of pixel values.
 
         Raises:
             DivergedError: The loss is not finite.
@@ -208,21 +151,11 @@ class BoundModule(lightning.LightningModule):
         noise = step_noise(self.config.seed, step, len(images) * world, self.model.config.latent_dimensions)
         output = self.model(images, noise[rank::world].to(self.device))
         log_sigma = optimal_log_sigma(images, output.reconstruction)
-        terms = bound_terms(
-            self.model,
-            images,
-            output,
-            log_sigma,
-            (batch.conditions, self._place_target(batch)),
-            self._weights(batch_idx),
-        )
-        objective = terms["bound"].mean()
-        remedies = self.config.remedies
-        if remedies.contrastive:
-            z_p = self.model.split.z_p(output.posterior.mean)
-            terms["contrastive"] = info_nce(z_p[0::2], z_p[1::2], remedies.temperature)
-            objective = objective + remedies.contrastive * terms["contrastive"].mean()
-        loss = -objective / images[0].numel()
+        weights = self._weights(batch_idx)
+        labels = (batch.conditions, self._place_target(batch))
+        terms = bound_terms(self.model, images, output, log_sigma, labels, weights)
+        terms |= self.remedies(self.model, images, output, log_sigma, batch.conditions, self.progress(batch_idx))
+        loss = -self.remedies.objective(terms, weights) / images[0].numel()
         if not torch.isfinite(loss):
             self.require_finite({**terms, "loss": loss})
         self._remember(terms, images, output)

@@ -15,8 +15,8 @@ from everplace.model.discriminant import PlaceScatter
 from everplace.model.images import to_input
 from everplace.model.oriented_gradients import OrientedGradients
 from everplace.progress import Progress, quiet
-from everplace.training.config import PlaceProjection
 from everplace.training.frames import SplitRoute
+from everplace.training.sections import PlaceProjection
 
 __all__ = ["fit_place_projection"]
 

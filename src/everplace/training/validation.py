@@ -16,7 +16,7 @@ from everplace.model.bounds import Weights
 from everplace.model.images import to_input
 from everplace.training.config import TrainConfig
 from everplace.training.frames import FrameBlock, SplitRoute
-from everplace.training.module import bound_terms, step_noise
+from everplace.training.terms import bound_terms, step_noise
 
 __all__ = ["criterion_name", "validate"]
 

@@ -1,0 +1,143 @@
+"""What the remedies of a run add to one step."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from everplace.model.architecture import ConditionVAE, Output
+from everplace.model.bounds import Weights, gaussian_log_likelihood, label_log_likelihood
+from everplace.model.config import ModelConfig
+from everplace.model.posterior import Posterior
+from everplace.model.remedies import ConditionAdversary, ConditionalPrior, free_bits, info_nce, reversal_strength
+from everplace.training.sections import Remedies
+
+__all__ = ["RemedyTerms"]
+
+
+class RemedyTerms(nn.Module):
+    """The terms that a run's remedies add, with the parameters that only training needs.
+
+    The parameters are kept in the state to resume from and not in the checkpoint. Without the remedies that have
+    some there are none, and nothing random is drawn for them.
+
+    Attributes:
+        adversary: Guesses the condition from z_p; None if it is off.
+        conditional_prior: p(z_c|c); None if it is off.
+    """
+
+    def __init__(self, model: ModelConfig, remedies: Remedies) -> None:
+        super().__init__()
+        conditions = len(model.conditions)
+        self.adversary = ConditionAdversary(model.place_dimensions, conditions) if remedies.adversary else None
+        self.conditional_prior = (
+            ConditionalPrior(conditions, model.condition_dimensions) if remedies.conditional_prior else None
+        )
+        self._remedies = remedies
+
+    def forward(
+        self,
+        model: ConditionVAE,
+        images: Tensor,
+        output: Output,
+        log_sigma: Tensor,
+        conditions: Tensor,
+        progress: float,
+    ) -> dict[str, Tensor]:
+        """The terms of the remedies that are on.
+
+        Args:
+            model: The network.
+            images: (B, C, H, W) in [0, 1]; where a remedy needs pairs, the two frames of a place follow each other.
+            output: What the model made of them.
+            log_sigma: The decoder's log sigma.
+            conditions: (B,) indices.
+            progress: How much of the run is done, in [0, 1].
+
+        Returns:
+            In nats: `contrastive` (B/2,); `adversary`, the adversary's log p(c|z_p), (B,); `swap`, (B,);
+            `kl_conditional`, KL(q(z_c|x) || p(z_c|c)), (B,); `free_place` and `free_condition`, by how much free
+            bits raise the cost of the mean divergence of a block, scalars that are never negative.
+        """
+        remedies, split, posterior = self._remedies, model.split, output.posterior
+        terms: dict[str, Tensor] = {}
+        if remedies.contrastive:
+            z_p = split.z_p(posterior.mean)
+            terms["contrastive"] = info_nce(z_p[0::2], z_p[1::2], remedies.temperature)
+        if self.adversary is not None:
+            # As for the heads of the model, bfloat16 is too coarse for the logits.
+            with torch.autocast(images.device.type, enabled=False):
+                logits = self.adversary(split.z_p(posterior.mean), reversal_strength(progress))
+            terms["adversary"] = label_log_likelihood(logits, conditions)
+        if remedies.swap:
+            z_c = split.z_c(output.z)
+            if remedies.swap_z_c == "other_place":
+                z_c = z_c[_next_of_the_same(conditions)]
+            terms["swap"] = _swap_log_likelihood(model, images, split.z_p(output.z), z_c, log_sigma)
+        if self.conditional_prior is None and not remedies.free_bits:
+            return terms
+        kl = posterior.kl()
+        kl_place, kl_condition = split.z_p(kl), split.z_c(kl)
+        if self.conditional_prior is not None:
+            assert posterior.log_variance is not None
+            of_z_c = Posterior(split.z_c(posterior.mean), split.z_c(posterior.log_variance))
+            kl_condition = self.conditional_prior.kl(of_z_c, conditions)
+            terms["kl_conditional"] = kl_condition.sum(1)
+        if remedies.free_bits:
+            for name, block in (("free_place", kl_place), ("free_condition", kl_condition)):
+                terms[name] = free_bits(block, remedies.free_bits) - block.mean(0).sum()
+        return terms
+
+    def objective(self, terms: dict[str, Tensor], weights: Weights) -> Tensor:
+        """What a step maximises: the bound with what the remedies add to it.
+
+        Args:
+            terms: Those of the bound, and what `forward` gave.
+            weights: Weights of the bound's terms.
+
+        Returns:
+            Scalar, a mean over frames in nats.
+        """
+        remedies = self._remedies
+        objective = terms["bound"].mean()
+        for name, weight in (
+            ("contrastive", remedies.contrastive),
+            ("adversary", remedies.adversary),
+            ("swap", remedies.swap),
+            ("free_place", -weights.beta_place),
+            ("free_condition", -weights.beta_condition),
+        ):
+            if name in terms:
+                objective = objective + weight * terms[name].mean()
+        if "kl_conditional" in terms:
+            # Takes the place of the divergence from N(0, I) that the bound holds.
+            instead = terms["kl_condition"] - terms["kl_conditional"]
+            objective = objective + weights.beta_condition * instead.mean()
+        return objective
+
+
+def _swap_log_likelihood(model: ConditionVAE, images: Tensor, z_p: Tensor, z_c: Tensor, log_sigma: Tensor) -> Tensor:
+    """Log p(x_b|z_p of a, z_c) for the two frames a, b of each place, both ways round (Mathieu et al. 2016).
+
+    Args:
+        model: The network.
+        images: (B, C, H, W); the two frames of a place follow each other.
+        z_p: (B, D), samples.
+        z_c: (B, D), samples: for each frame, what it is to be decoded from beside the other frame's z_p.
+        log_sigma: The image term's. It is held fixed here: it is that of the frames' own reconstructions, which would
+            otherwise be made worse to make a swap's error more likely.
+
+    Returns:
+        (B,) in nats.
+    """
+    other = z_p.reshape(-1, 2, model.split.place).flip(1).flatten(0, 1)
+    swapped = model.decoder(model.split.join(other, z_c))
+    return gaussian_log_likelihood(images, swapped, log_sigma.detach())
+
+
+def _next_of_the_same(conditions: Tensor) -> Tensor:
+    """For each frame of the batch the next one in its condition, around the end; itself where it is the only one."""
+    frames = torch.arange(len(conditions), device=conditions.device)
+    ahead = (frames[None, :] - frames[:, None] - 1) % len(frames)
+    same = conditions[None, :] == conditions[:, None]
+    return torch.where(same, ahead, len(frames)).argmin(1)
