@@ -77,9 +77,11 @@ def _rows(route: Route, protocol: Protocol, given: argparse.Namespace) -> list[t
 
 def _require_same(entry: Path, config: TrainConfig | None) -> None:
     """A row that was made with other settings does not belong into the same table."""
-    made_with = json.loads(entry.read_text("utf-8")).get("config", {})
-    now = config.model_dump(mode="json") if config is not None else {}
-    changed = sorted(key for key, value in made_with.items() if now.get(key) != value)
+    made_with = json.loads(entry.read_text("utf-8")).get("config")
+    if made_with is None or config is None:
+        return
+    before = TrainConfig.model_validate(made_with)  # an option that did not exist then stands as it does by default
+    changed = sorted(name for name in TrainConfig.model_fields if getattr(before, name) != getattr(config, name))
     if changed:
         sys.exit(f"{entry} was made with another {', '.join(changed)}; remove it, or name another --out")
 
