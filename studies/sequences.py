@@ -28,6 +28,7 @@ from everplace.experiments.drive import resample_drive
 from everplace.experiments.retrieval import choose_pair
 from everplace.files import write_text
 from everplace.match.route_filter import Answer, RouteFilter
+from everplace.match.route_model import RouteModel, likelihood_ratios
 from everplace.match.route_path import best_path, smooth_route
 from everplace.match.search import compared
 from everplace.match.sequence import SEQUENCE_METHODS, search_sequences
@@ -36,6 +37,7 @@ from everplace.match.standardise import Standardisation
 
 TOLERANCE = 1
 SURE = 0.9
+KNOWN = "motion known"
 
 
 @dataclass(frozen=True)
@@ -100,12 +102,15 @@ def _measure(
 ) -> dict[str, Any]:
     scores: dict[str, list[tuple[float, float]]] = {}
     answers: dict[str, list[dict[str, float | None]]] = {}
-    for S, matches in _drives(query, database, truth, how, drive, seeds):
+    for S, matches, chosen in _drives(query, database, truth, how, drive, seeds):
         scores.setdefault("one frame", []).append(_score(S, matches))
         for length in lengths:
             for search in SEQUENCE_METHODS[::-1]:
                 found = search_sequences(S, length, search)
                 scores.setdefault(f"{search}, {length} frames", []).append(_score(found, matches))
+            if not drive.hole:
+                known = known_motion(S, chosen, length)
+                scores.setdefault(f"{KNOWN}, {length} frames", []).append(_score(known, matches))
         for name, given in _answers(S).items():
             answers.setdefault(name, []).append(_honesty(given, matches))
     return {
@@ -122,15 +127,40 @@ def _drives(
     how: Standardisation | None,
     drive: Drive,
     seeds: int,
-) -> Iterator[tuple[NDArray[np.float32], NDArray[np.bool_]]]:
-    """Similarity and truth of one drive after the other."""
+) -> Iterator[tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.int64]]]:
+    """Similarity and truth of one drive after the other, and which recorded frames it is made of."""
     count = len(query)
     gap = round(count * drive.hole)
     mapped = np.delete(np.arange(len(database)), slice((count - gap) // 2, (count + gap) // 2))
     for seed in range(seeds if drive.options is not None else 1):
         chosen = np.arange(count) if drive.options is None else resample_drive(count, seed, **drive.options)
         S = similarity(*compared(_rows(query, chosen), _rows(database, mapped), how))
-        yield S, truth[np.ix_(chosen, mapped)]
+        yield S, truth[np.ix_(chosen, mapped)], chosen
+
+
+def known_motion(S: NDArray[Any], chosen: NDArray[np.int64], length: int) -> NDArray[np.float64]:
+    """What the evidence of the last L frames would give if the motion between them were known: no search can do more.
+
+    Args:
+        S: M×N scores; the second drive follows the first place by place.
+        chosen: M: the place that each frame was taken at.
+        length: L.
+
+    Returns:
+        M×N: the sum of the filter's log-likelihood ratios over the distinct frames of each window, each at the place
+        from which the known motion leads to place j; beyond the ends of the map a frame says the least it can.
+    """
+    evidence = np.log(likelihood_ratios(S, RouteModel()))
+    out = np.zeros(S.shape)
+    places = np.arange(S.shape[1])
+    for row in range(len(S)):
+        window = slice(max(0, row - length + 1), row + 1)
+        distinct = np.unique(chosen[window], return_index=True)[1] + window.start
+        for frame in distinct:
+            origin = places - (chosen[row] - chosen[frame])
+            inside = (origin >= 0) & (origin < len(places))
+            out[row] += np.where(inside, evidence[frame, origin.clip(0, len(places) - 1)], evidence[frame].min())
+    return out
 
 
 def _rows(descriptors: Descriptors, rows: NDArray[np.int64]) -> Descriptors:
@@ -179,7 +209,8 @@ def _tables(title: str, rows: list[dict[str, Any]]) -> list[str]:
     lines = [f"**{title}**: recall@1 / auc_pr", "", "| search | " + " | ".join(row["drive"] for row in rows) + " |"]
     lines += ["|---" * (len(rows) + 1) + "|"]
     for name in rows[0]["scores"]:
-        cells = [" / ".join(f"{value:.3f}" for value in row["scores"][name]) for row in rows]
+        measured = [row["scores"].get(name) for row in rows]
+        cells = ["" if of is None else " / ".join(f"{value:.3f}" for value in of) for of in measured]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     lines += ["", f"**{title}**: answers of the filter; sure: probability of at least {SURE}", ""]
     header = list(rows[0]["answers"]["all frames so far"])
