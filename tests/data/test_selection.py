@@ -215,6 +215,7 @@ def test_drives_that_are_not_nested_keep_what_they_share(tiny_route: Path, asked
     assert stems[0] == stems[1]
 
 
-def test_a_drive_that_lacks_a_few_frames_has_gaps_and_is_no_map(tiny_route: Path) -> None:
-    route = with_map(tiny_route, set(range(12)) - {4})
-    assert [len(traverse) for traverse in select_maps(route, Selection()).traverses] == [11, 11]
+@pytest.mark.parametrize(("lacking", "kept"), [(1, [11, 11]), (5, [7, 7]), (6, [12, 6]), (9, [12, 3])])
+def test_only_a_drive_with_twice_the_frames_is_a_map(tiny_route: Path, lacking: int, kept: list[int]) -> None:
+    route = with_map(tiny_route, set(range(lacking, 12)))
+    assert [len(traverse) for traverse in select_maps(route, Selection()).traverses] == kept
