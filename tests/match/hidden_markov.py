@@ -65,16 +65,14 @@ def anywhere(model: RouteModel, places: int) -> NDArray[np.float64]:
 
 def news(model: RouteModel, S: NDArray[Any]) -> NDArray[np.float64]:
     """M shares of what is new in each frame, for scores without gaps and constant rows."""
-    changes, counts = [0.5] * 5, [1.0] * 5
     found = [1.0]
     for before, after in pairwise(S):
-        change = 1 - np.corrcoef(before, after)[0, 1] if len(before) > 1 else np.nan
-        found.append(
-            1.0 if np.isnan(change) else min(1.0, change / (model.repeat * np.average(changes, weights=counts)))
-        )
-        if not np.isnan(change):
-            changes.append(change)
-            counts.append(found[-1])
+        if len(before) < 3:  # neighbours have no correlation
+            found.append(1.0)
+            continue
+        step = 1 - np.mean([np.corrcoef(row[:-1], row[1:])[0, 1] for row in (before, after)])
+        change = 1 - np.corrcoef(before, after)[0, 1]
+        found.append(min(1.0, max(0.0, change / (model.repeat * step))) if step > 0 else 1.0)
     return np.array(found)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from everplace.data.images import usable_cores
 from everplace.errors import ConfigError, DescriptorsError
-from everplace.match.frame_change import UsualChange, change_between, frame_changes
+from everplace.match.frame_change import new_in_frame, new_in_frames
 from everplace.match.route_model import RouteModel, checked_scores, likelihood_ratios
 
 __all__ = ["Answer", "Belief", "RouteFilter", "answer", "filter_windows"]
@@ -77,7 +77,7 @@ class Belief:
         Args:
             model: The motion.
             exits: `model.exits(N)`.
-            new: B: w of the next frame of each robot, in [0, 1], of `UsualChange.take`.
+            new: B: w of the next frame of each robot, in [0, 1], of `new_in_frame`.
         """
         standing = np.flatnonzero(new < 1)
         share, on, off = new[standing], self.on[standing], self.off[standing]
@@ -145,7 +145,6 @@ class RouteFilter:
         self.reach = reach
         self._belief = Belief.start(self.model, 1, places)
         self._exits = self.model.exits(places)
-        self._usual = UsualChange.start(1)
         self._last: NDArray[np.float64] | None = None
 
     def update(self, scores: NDArray[Any]) -> Answer:
@@ -167,8 +166,7 @@ class RouteFilter:
             )
         new = None
         if self._last is not None:
-            change = change_between(self._last, scores)
-            new = self._usual.take(np.array([change]), self.model.repeat)
+            new = np.array([new_in_frame(self._last, scores, self.model.repeat)])
             self._belief.move(self.model, self._exits, new)
         self._last = np.array(scores, np.float64)
         self._belief.see(likelihood_ratios(scores, self.model)[None], new)
@@ -212,12 +210,12 @@ def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None
     known = RouteModel() if model is None else model
     length = min(length, len(S))
     out = np.empty(S.shape, np.float32)
-    exits, changes = known.exits(S.shape[1]), frame_changes(S)
+    exits, new = known.exits(S.shape[1]), new_in_frames(S, known.repeat)
     size = max(1, _BLOCK // S.shape[1])
 
     def fill(start: int) -> None:
         rows = slice(start, min(start + size, len(S)))
-        belief = _last_frames(S, changes, rows, length, known, exits)
+        belief = _last_frames(S, new, rows, length, known, exits)
         out[rows] = log_odds(belief)
 
     with ThreadPoolExecutor(usable_cores(), "everplace-sequence") as pool:
@@ -239,7 +237,7 @@ def log_odds(belief: Belief) -> NDArray[np.float64]:
 
 def _last_frames(
     S: NDArray[Any],
-    changes: NDArray[np.float64],
+    new: NDArray[np.float64],
     rows: slice,
     length: int,
     model: RouteModel,
@@ -249,14 +247,13 @@ def _last_frames(
     first = max(rows.start - length + 1, 0)
     ratios = likelihood_ratios(S[first : rows.stop], model)
     robots = rows.stop - rows.start
-    belief, usual = Belief.start(model, robots, S.shape[1]), UsualChange.start(robots)
+    belief = Belief.start(model, robots, S.shape[1])
     for ago in range(length - 1, -1, -1):
         frame = rows.start - ago  # of the first robot
         begun = min(max(-frame, 0), robots)  # the robots before it have no frame so long ago
         moved = robots if ago == length - 1 else min(max(1 - frame, 0), robots)  # and those before it none before that
         belief[begun:moved].see(ratios[frame + begun - first : frame + moved - first])
-        rest = belief[moved:]
-        new = usual[moved:].take(changes[frame + moved : rows.stop - ago], model.repeat)
-        rest.move(model, exits, new)
-        rest.see(ratios[frame + moved - first : rows.stop - ago - first], new)
+        rest, share = belief[moved:], new[frame + moved : rows.stop - ago]
+        rest.move(model, exits, share)
+        rest.see(ratios[frame + moved - first : rows.stop - ago - first], share)
     return belief

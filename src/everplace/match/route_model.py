@@ -37,9 +37,9 @@ class RouteModel:
         outlier: Share of frames whose scores say nothing about the true place: glare, a lorry, a wiper.
         doubt: Nats by which each frame counts against being on the map. Neighbouring frames look alike, so that along
             some path scores agree by chance more often than the model's independent frames would.
-        repeat: Share of the usual change from frame to frame below which a frame is partly the last one again: with
-            what is new in it as w (`everplace.match.frame_change`), its ratios count to the power of w, and the robot
-            has moved with probability w.
+        repeat: Share of the change that a step along the map brings, below which a frame is partly the last one again:
+            with what is new in it as w (`everplace.match.frame_change`), its ratios count to the power of w, and the
+            robot has moved with probability w.
     """
 
     steps: tuple[float, ...] = (0.08, 0.74, 0.18)
@@ -51,7 +51,7 @@ class RouteModel:
     separation: float = 2.5
     outlier: float = 0.2
     doubt: float = 0.5
-    repeat: float = 0.03
+    repeat: float = 0.02
 
     def __post_init__(self) -> None:
         """Refuses values that are no probabilities.
