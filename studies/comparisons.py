@@ -27,6 +27,14 @@ SCORES: dict[str, Callable[[dict[str, Any]], float]] = {
     "EP": lambda of: float(of["extended_precision"]),
 }
 
+# Of a method whatever the pair: the key, and how many digits mean something.
+COSTS = {
+    "dimension": ("dimension", 0),
+    "bytes": ("bytes_per_descriptor", 0),
+    "ms/image": ("ms_per_image", 1),
+    "peak MB": ("peak_memory_mb", 0),
+}
+
 Pair = tuple[str, str]
 Comparison = dict[Pair, dict[str, dict[str, Any]]]
 
@@ -53,15 +61,15 @@ def _read(directory: Path) -> Comparison:
 
 def _means(measured: list[Comparison], methods: list[str]) -> str:
     lines = [f"**Mean over all {len(measured[0])} ordered pairs**", ""]
-    lines += [_row(["method", *SCORES, "dimension", "bytes"]), "|---" * (len(SCORES) + 3) + "|"]
+    lines += [_row(["method", *SCORES, *COSTS]), "|---" * (len(SCORES) + len(COSTS) + 1) + "|"]
     for method in methods:
         values = [
             [statistics.mean(score(of[method]) for of in comparison.values()) for comparison in measured]
             for score in SCORES.values()
         ]
-        of = next(iter(measured[0].values()))[method]
-        sizes = [str(of["dimension"]), str(of["bytes_per_descriptor"])]
-        lines.append(_row([method, *map(spread, values), *sizes]))
+        of_first_pairs = [next(iter(comparison.values()))[method] for comparison in measured]
+        costs = [spread([of[key] for of in of_first_pairs], digits) for key, digits in COSTS.values()]
+        lines.append(_row([method, *map(spread, values), *costs]))
     return "\n".join(lines) + "\n"
 
 
