@@ -19,7 +19,7 @@ from everplace.data.sources.protocol import Content, Encoded
 from everplace.errors import RouteError
 from everplace.files import readable
 
-__all__ = ["ArchiveTree", "archives_in", "open_trees"]
+__all__ = ["ArchiveTree", "archives_in", "is_archive", "open_trees"]
 
 # Lists and tables of an archive are met while it is listed: up to here they are kept, so that a compressed one need
 # not be read once more for each.
@@ -180,13 +180,20 @@ class ArchiveTree:
         return RouteError(f"{first} and {second} both hold {name!a}; keep one of them, or unpack the right one")
 
 
+def is_archive(path: os.PathLike[str]) -> bool:
+    """Says whether something in a directory, or in an archive, is called like an archive and is no directory or pipe."""
+    name = os.fspath(path)
+    # A link to nothing is one: it is missed when it is opened.
+    return is_archive_name(name) and (os.path.isfile(name) or not os.path.exists(name))  # noqa: PTH110, PTH113
+
+
 def archives_in(directory: Path) -> list[str]:
     """Returns the names of the archives in a directory and in those in it, but not deeper, in natural order.
 
     Raises:
         RouteError: A directory cannot be listed.
     """
-    return list(files_below(directory, is_archive_name, 1))
+    return [name for name in files_below(directory, is_archive_name, 1) if is_archive(directory / name)]
 
 
 def open_trees(source: Path) -> list[FileTree]:

@@ -57,9 +57,9 @@ def read(source: Path, options: Options) -> ForeignRoute:
     Raises:
         RouteError: There is no sequence, or a file in it is missing or malformed.
     """
-    found = find_sequences(source, lambda path: (path / options.images).is_file(), options.images, apart=True)
+    found, notes = find_sequences(source, lambda path: (path / options.images).is_file(), options.images, apart=True)
     sequences = [_read_sequence(path, options) for path in found]
-    return sequences_route(sequences, options.radius, f"no pose within {options.limit:g} s")
+    return sequences_route(sequences, options.radius, f"no pose within {options.limit:g} s", notes)
 
 
 def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
