@@ -141,3 +141,12 @@ def test_nothing_to_read_is_an_error(tmp_path: Path) -> None:
         pass
     with pytest.raises(RouteError, match="holds no image"):
         open_trees(tmp_path / "empty.zip")
+
+
+def test_directories_are_listed_in_work_that_grows_with_the_names(tmp_path: Path) -> None:
+    deep = "/".join("abcdefgh")
+    tree = ArchiveTree(pack_files(tmp_path / "a.zip", [(f"{deep}/1.png", b""), ("a/b/2.png", b""), ("3.png", b"")]))
+    assert tree.children("") == (["a"], ["3.png"])
+    assert tree.children("a/b") == (["c"], ["2.png"])
+    assert tree.children(deep) == ([], ["1.png"])
+    assert tree.is_dir("a/b/c/d")

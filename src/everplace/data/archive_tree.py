@@ -114,14 +114,16 @@ class ArchiveTree:
     def _directories(self) -> dict[str, tuple[dict[str, None], list[str]]]:
         """Names of directories and files by the name of the directory they lie in."""
         found: dict[str, tuple[dict[str, None], list[str]]] = {"": ({}, [])}
+        placed: set[str] = set()
         for name in self._holder:
             above, _, last = name.rpartition("/")
-            if above not in found:
-                parts = above.split("/")
-                for depth, part in enumerate(parts):
-                    found["/".join(parts[:depth])][0][part] = None
-                    found.setdefault("/".join(parts[: depth + 1]), ({}, []))
-            found[above][1].append(last)
+            found.setdefault(above, ({}, []))[1].append(last)
+            # Those that are known have been put into what they lie in: a deep tree costs no more than a flat one.
+            while above and above not in placed:
+                placed.add(above)
+                parent, _, part = above.rpartition("/")
+                found.setdefault(parent, ({}, []))[0][part] = None
+                above = parent
         return found
 
     def _list(self, index: int) -> None:
@@ -181,7 +183,7 @@ class ArchiveTree:
 
 
 def is_archive(path: os.PathLike[str]) -> bool:
-    """Says whether something in a directory, or in an archive, is called like an archive and is no directory or pipe."""
+    """Says whether something in a directory, or in an archive, is called like an archive and may be a file."""
     name = os.fspath(path)
     # A link to nothing is one: it is missed when it is opened.
     return is_archive_name(name) and (os.path.isfile(name) or not os.path.exists(name))  # noqa: PTH110, PTH113
