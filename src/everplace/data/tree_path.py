@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import posixpath
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Literal, NamedTuple, TypeAlias
 
-from everplace.data.archive_tree import ArchiveTree, archives_in, is_archive
+from everplace.data.archive_tree import ArchiveTree, archives_in, is_archive, unread_note
 from everplace.data.archives import is_archive_name
 from everplace.data.file_trees import Children, FileTree, FolderTree
 from everplace.errors import RouteError
 from everplace.files import readable
 
-__all__ = ["AnyPath", "Places", "TreePath", "find_data_set", "find_places", "unread_note"]
+__all__ = ["AnyPath", "Places", "TreePath", "find_data_set", "find_places"]
 
 # A data set may lie in a directory of the archive, and that in another; KITTI's sequences lie two levels below.
 _DEEPEST = 4
@@ -45,7 +45,7 @@ class TreePath:
 
     def __fspath__(self) -> str:
         """Returns a text for messages: what is inside an archive lies below the archive's path."""
-        return str(self.tree.path / self.inside)
+        return str(self.tree.locate(self.inside))
 
     @property
     def name(self) -> str:
@@ -173,12 +173,6 @@ def find_data_set(
     if found:
         return found[0], places.notes
     return TreePath(FolderTree(source) if source.is_dir() else ArchiveTree(source)), []
-
-
-def unread_note(archives: Iterable[AnyPath]) -> list[str]:
-    """Returns a sentence that names archives which were not read; none where there are none."""
-    names = ", ".join(map(readable, archives))
-    return [f"Not read, because what they lie beside or in was taken: {names}."] if names else []
 
 
 def _search(tree: FileTree, wanted: Callable[[TreePath], bool]) -> _Search:

@@ -64,8 +64,12 @@ def read(source: Path, options: Options) -> ForeignRoute:
 
 def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
     listing, truth = directory / options.images, directory / "groundtruth.txt"
-    rows = [(row.floats(0, 1)[0], row.inside(1)) for row in read_rows(listing)]
-    seconds = {name: moment for moment, name in rows}
+    seconds: dict[str, float] = {}
+    for row in read_rows(listing):
+        moment, name = row.floats(0, 1)[0], row.inside(1)
+        if name in seconds:
+            raise row.wrong(f"names the image {name!r} a second time; keep one line for each image")
+        seconds[name] = moment
     stems = {name: PurePosixPath(name).stem for name in seconds}
     if len(set(stems.values())) < len(stems):
         stems = {name: stem for stem, name in by_stem(directory, seconds).items()}
