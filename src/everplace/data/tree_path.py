@@ -128,7 +128,7 @@ def find_places(source: Path, wanted: Callable[[TreePath], bool], *, apart: bool
         return Places(found, unread_note(nested) if found else [])
     found, archives, closed = _search(FolderTree(source), wanted)
     notes = []
-    unread = [place / name for place in found for name in archives_in(Path(place))]
+    unread = [archive for place in found for archive in _archives_below(place, closed)]
     if apart:
         for archive in archives:
             inside, nested, _ = _search(ArchiveTree(Path(archive)), wanted)
@@ -173,6 +173,15 @@ def find_data_set(
     if found:
         return found[0], places.notes
     return TreePath(FolderTree(source) if source.is_dir() else ArchiveTree(source)), []
+
+
+def _archives_below(place: TreePath, closed: list[RouteError]) -> list[TreePath]:
+    """Returns the archives in a directory; if that fails, adds to `closed` why."""
+    try:
+        return [place / name for name in archives_in(Path(place))]
+    except RouteError as error:
+        closed.append(error)
+        return []
 
 
 def _search(tree: FileTree, wanted: Callable[[TreePath], bool]) -> _Search:

@@ -171,6 +171,11 @@ def test_what_is_unpacked_counts_before_an_archive_beside_it(data_set: Any) -> N
     summary = import_route("vprbench", data_set.root, data_set.root.parent / "out")
     assert summary.linked == summary.frames == 15
     assert any("Not read" in note and "old.zip" in note for note in summary.notes)
+    (data_set.root / "more").mkdir()
+    (data_set.root / "more/loop").symlink_to("loop")
+    summary = import_route("vprbench", data_set.root, data_set.root.parent / "second")
+    assert summary.frames == 15
+    assert any("not searched: cannot follow the link" in note and "more/loop" in note for note in summary.notes)
 
 
 @pytest.mark.parametrize("kind", ["euroc", "tum"])

@@ -578,7 +578,11 @@ def test_sources_that_are_not_nordland(tmp_path: Path) -> None:
 
 def test_the_same_frame_twice_is_refused(tmp_path: Path) -> None:
     source = write(tmp_path / "n", {"winter/1.png": b"x", "winter/1.jpg": b"x"})
-    assert "holds 'winter/1.jpg' and 'winter/1.png', the same frame of winter twice" in refused(source)
+    assert f"{source}/winter/1.jpg and {source}/winter/1.png are the same frame of winter twice" in refused(source)
+    (source / "winter/1.jpg").unlink()
+    tar(source / "winter.tar.gz", {"1.png": b"x"})
+    assert "winter/1.png and " in refused(source)
+    assert f"{source}/winter.tar.gz/1.png are the same" in refused(source)
 
 
 @pytest.mark.parametrize(

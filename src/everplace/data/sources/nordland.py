@@ -203,10 +203,10 @@ class _Images:
                 season = at.get(frame.season, frame.season)
                 frames = self._where.setdefault(season, {})
                 if frame.stem in frames:
-                    other = frames[frame.stem][1]
+                    before, other = frames[frame.stem]
                     raise RouteError(
-                        f"{readable(source)} holds {other!a} and {name!a}, the same frame of {season} twice; "
-                        "keep one of them"
+                        f"{readable(trees[before].locate(other))} and {readable(tree.locate(name))} are the same frame "
+                        f"of {season} twice; keep one of them"
                     )
                 frames[frame.stem] = (index, name)
                 furthest = max(furthest, frame, key=lambda frame: frame.north)
