@@ -51,6 +51,44 @@ def test_links_to_no_file_are_refused(tmp_path: Path, name: str, target: str) ->
         ArchiveTree(path)
 
 
+def test_hidden_files_are_not_listed_but_links_and_lists_lead_to_them(tmp_path: Path) -> None:
+    links = {
+        "a/2.png": (tarfile.SYMTYPE, "../.git/annex/key.png"),
+        ".git/broken": (tarfile.SYMTYPE, "gone"),
+    }
+    files = {".git/annex/key.png": b"2", "a/1.png": b"1", "a/.x/3.txt": b"3"}
+    tree = ArchiveTree(linked(tmp_path / "a.tar", files, links))
+    assert tree.images == ("a/1.png", "a/2.png")
+    assert tree.children("") == (["a"], [])
+    assert tree.children("a") == ([], ["1.png", "2.png"])
+    assert list(tree.files("")) == ["a/1.png", "a/2.png"]
+    assert dict(tree.read(["a/2.png", ".git/annex/key.png"])) == {
+        name: Encoded(b"2", ".png") for name in ("a/2.png", ".git/annex/key.png")
+    }
+    assert tree.open("a/.x/3.txt").read() == b"3"
+    assert tree.is_dir("a/.x")
+
+
+def test_a_hidden_file_that_comes_twice_does_no_harm(tmp_path: Path) -> None:
+    tree = ArchiveTree(pack_files(tmp_path / "a.zip", [("1.png", b"1"), (".DS_Store", b"a"), (".DS_Store", b"b")]))
+    assert tree.images == ("1.png",)
+    assert not tree.is_file(".DS_Store")
+
+
+def test_messages_name_the_archive_and_what_it_calls_the_member(tmp_path: Path) -> None:
+    first = pack_files(tmp_path / "sub/a.zip", [("x/1.png", b"1")])
+    second = pack_files(tmp_path / "b.tar", [("sub/x/1.png", b"1"), ("y/2.png", b"2")])
+    tree = ArchiveTree(tmp_path, [("sub", first), ("", second)])
+    assert tree.locate("sub/x/1.png") == first / "x/1.png"
+    assert tree.locate("sub/x") == first / "x"
+    assert tree.locate("y/2.png") == second / "y/2.png"
+    assert tree.locate("gone") == tmp_path / "gone"
+    assert tree.locate("") == tmp_path
+    assert ArchiveTree(second).locate("gone") == second / "gone"
+    with pytest.raises(RouteError, match=r"a\.zip and .*b\.tar both hold 'x/1\.png'"):
+        list(tree.read(["sub/x/1.png"]))
+
+
 def test_macos_leftovers_in_a_zip_are_no_images(tmp_path: Path) -> None:
     names = ("winter/1.png", "__MACOSX/winter/1.png", "__MACOSX/winter/._1.png", ".DS_Store")
     tree = ArchiveTree(pack_files(tmp_path / "a.zip", ((name, b"") for name in names)))
@@ -139,5 +177,14 @@ def test_nothing_to_read_is_an_error(tmp_path: Path) -> None:
         open_trees(tmp_path / "readme.txt")
     with zipfile.ZipFile(tmp_path / "empty.zip", "w"):
         pass
-    with pytest.raises(RouteError, match="holds no image"):
+    with pytest.raises(RouteError, match=r"empty\.zip holds no file; get it again"):
         open_trees(tmp_path / "empty.zip")
+
+
+def test_directories_are_listed_in_work_that_grows_with_the_names(tmp_path: Path) -> None:
+    deep = "/".join("abcdefgh")
+    tree = ArchiveTree(pack_files(tmp_path / "a.zip", [(f"{deep}/1.png", b""), ("a/b/2.png", b""), ("3.png", b"")]))
+    assert tree.children("") == (["a"], ["3.png"])
+    assert tree.children("a/b") == (["c"], ["2.png"])
+    assert tree.children(deep) == ([], ["1.png"])
+    assert tree.is_dir("a/b/c/d")

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import os
 import stat
 import struct
 import tarfile
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.data.packing import pack_files
 from tests.fuzzing import fuzzed
 
 from everplace.data import tar_stream
@@ -22,6 +24,7 @@ from everplace.data.archives import (
     read_members,
     scan_members,
 )
+from everplace.data.images import MAX_FILE_BYTES
 from everplace.errors import EverplaceError, RouteError
 
 FILES = {"a/1.png": b"one", "a/2.png": b"", "b/deep/3.png": bytes(range(256)) * 40}
@@ -176,12 +179,59 @@ def test_decompression_bombs_are_refused_early(tmp_path: Path, monkeypatch: pyte
         assert "decompresses out of all proportion" in refused(path)
 
 
-def test_a_member_larger_than_any_image_is_refused(tmp_path: Path) -> None:
+def test_a_member_larger_than_any_image_is_refused_when_it_is_read(tmp_path: Path) -> None:
+    with tarfile.open(tmp_path / "a.tar", "w") as archive:
+        huge = tarfile.TarInfo("huge.bin")
+        huge.size = MAX_FILE_BYTES + 1
+        archive.addfile(tarfile.TarInfo("1.png"))
+        start = archive.offset
+    with (tmp_path / "a.tar").open("r+b") as file:  # the file has a hole there
+        file.seek(start)
+        file.write(huge.tobuf())
+        file.truncate(start + 512 * (3 + (MAX_FILE_BYTES + 511) // 512 + 1))
+    assert [member.name for member in list_members(tmp_path / "a.tar")] == ["1.png", "huge.bin"]
+    assert dict(read_members(tmp_path / "a.tar", ["1.png"])) == {"1.png": b""}
+    with pytest.raises(RouteError, match=rf"a\.tar holds huge\.bin of {MAX_FILE_BYTES + 1} bytes, .*; unpack it"):
+        list(read_members(tmp_path / "a.tar", ["huge.bin"]))
+
+
+def test_a_member_that_claims_more_than_is_there_ends(tmp_path: Path) -> None:
     path = tmp_path / "a.tar"
     info = tarfile.TarInfo("huge.png")
     info.size = 2**40
     path.write_bytes(info.tobuf())
-    assert "huge.png of 1099511627776 bytes" in refused(path)
+    assert "a.tar" in refused(path)
+
+
+@pytest.mark.parametrize("form", ["tar.gz", "zip"])
+@pytest.mark.parametrize("name", ["a/" * 400_000, "a/" * 101, "a" * 4097])
+def test_a_name_out_of_all_proportion_is_refused(tmp_path: Path, form: str, name: str) -> None:
+    name = name[: 65_000 if form == "zip" else None] + "x.jpg"
+    path = pack_files(tmp_path / f"a.{form}", [(name, b"x")])
+    message = refused(path)
+    assert "whose name is longer than 4096 bytes or has more than 100 parts" in message
+    assert len(message) < len(str(path)) + 500
+
+
+def test_backslashes_in_a_zip_separate_parts(tmp_path: Path) -> None:
+    path = pack_files(tmp_path / "a.zip", [("a\\", b""), ("a\\b\\1.png", b"1"), ("c/2.png", b"2")])
+    assert [member.name for member in list_members(path)] == ["a/b/1.png", "c/2.png"]
+    assert dict(read_members(path, ["a/b/1.png"])) == {"a/b/1.png": b"1"}
+
+
+def test_a_compression_that_is_not_known_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    path = zipped(tmp_path / "a.zip", {"a.png": b"1"})
+    data = bytearray(path.read_bytes())
+    for start in (8, data.index(b"PK\x01\x02") + 10):
+        data[start : start + 2] = struct.pack("<H", 9)
+    path.write_bytes(data)
+    with pytest.raises(RouteError, match=r"a\.zip uses a compression that cannot be read .*a\.png\); unpack it"):
+        list(read_members(path, ["a.png"]))
+
+
+def test_a_pipe_is_no_archive(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "p.tar")
+    assert "p.tar is no regular file" in refused(tmp_path / "p.tar")
 
 
 def test_a_header_that_claims_to_be_huge_takes_no_memory(tmp_path: Path) -> None:
@@ -214,7 +264,7 @@ def test_an_encrypted_zip_is_refused(tmp_path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[data.index(b"PK\x01\x02") + 8] |= 1
     path.write_bytes(data)
-    assert "is encrypted" in refused(path)
+    assert refused(path).endswith("is encrypted (its member a.png); unpack it with its password")
 
 
 def test_archives_are_known_by_their_endings() -> None:

@@ -83,3 +83,10 @@ def test_a_missing_directory_is_an_error(tmp_path: Path) -> None:
 def test_files_are_found_down_to_a_level(tmp_path: Path) -> None:
     make(tmp_path, "10.zip", "9.zip", "a/1.zip", "a/b/2.zip", "a/notes.txt", ".h/3.zip")
     assert list(files_below(tmp_path, lambda name: name.endswith(".zip"), 1)) == ["9.zip", "10.zip", "a/1.zip"]
+
+
+def test_a_link_to_itself_is_named(tmp_path: Path) -> None:
+    (tmp_path / "query").mkdir()
+    (tmp_path / "query/loop").symlink_to("loop")
+    with pytest.raises(RouteError, match=r"cannot follow the link .*query/loop: .*; remove it or mend it"):
+        FolderTree(tmp_path).children("query")

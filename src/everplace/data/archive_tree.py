@@ -19,7 +19,7 @@ from everplace.data.sources.protocol import Content, Encoded
 from everplace.errors import RouteError
 from everplace.files import readable
 
-__all__ = ["ArchiveTree", "archives_in", "open_trees"]
+__all__ = ["ArchiveTree", "archives_in", "is_archive", "open_trees", "unread_note"]
 
 # Lists and tables of an archive are met while it is listed: up to here they are kept, so that a compressed one need
 # not be read once more for each.
@@ -27,6 +27,8 @@ _SMALL = 2**22
 _MOST_KEPT = 2**26
 _LARGEST_IN_MEMORY = 2**28
 _LONGEST_CHAIN = 8
+# What macOS adds to a zip.
+_LEFTOVERS = "__MACOSX/"
 
 
 class ArchiveTree:
@@ -60,7 +62,19 @@ class ArchiveTree:
     @cached_property
     def images(self) -> tuple[str, ...]:
         """The names of all images."""
-        return tuple(filter(is_image_name, self._holder))
+        return tuple(name for name in self._holder if is_image_name(name) and _is_visible(name))
+
+    def locate(self, name: str) -> Path:
+        """Returns where a file or directory is, for messages: its name in its archive, below the archive's path."""
+        key = _key(name)
+        index = self._holder.get(key, None if len(self._mounts) > 1 else 0)
+        if index is None:
+            below = (index for held, index in self._holder.items() if key and held.startswith(f"{key}/"))
+            index = next(below, None)
+        if index is None:
+            return self.path / key
+        prefix, archive = self._mounts[index]
+        return archive / posixpath.relpath(key or ".", prefix or ".") if _lies_in(key, prefix) else self.path / key
 
     def is_dir(self, name: str) -> bool:
         """Says whether there is a directory of this name."""
@@ -73,18 +87,19 @@ class ArchiveTree:
     def children(self, name: str) -> Children:
         """Lists a directory."""
         directories, files = self._directories.get(_key(name), ({}, []))
-        return Children(natural_sorted(directories), natural_sorted(files))
+        return Children(natural_sorted(filter(_is_visible, directories)), natural_sorted(filter(_is_visible, files)))
 
     def files(self, name: str) -> Iterator[str]:
         """Yields the files below a directory, in the order of the archive."""
         start = f"{_key(name)}/" if _key(name) else ""
-        return (name[len(start) :] for name in self._holder if name.startswith(start))
+        names = (name[len(start) :] for name in self._holder if name.startswith(start))
+        return filter(_is_visible, names)
 
     def open(self, name: str) -> IO[bytes]:
         """Gives a file's content from memory."""
         key = _key(name)
         if key not in self._holder:
-            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(self.path / key))
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(self.locate(key)))
         first, *others = [self._content(index, key) for index in (self._holder[key], *self._others.get(key, ()))]
         if any(other != first for other in others):
             raise self._ambiguous(key)
@@ -96,7 +111,7 @@ class ArchiveTree:
         for name in names:
             key = _key(name)
             if key not in self._holder:
-                raise RouteError(f"{readable(self.path / key)} does not exist; complete the archive")
+                raise RouteError(f"{readable(self.locate(key))} does not exist; complete the archive")
             if key in self._others:
                 raise self._ambiguous(key)
             index = self._holder[key]
@@ -114,45 +129,57 @@ class ArchiveTree:
     def _directories(self) -> dict[str, tuple[dict[str, None], list[str]]]:
         """Names of directories and files by the name of the directory they lie in."""
         found: dict[str, tuple[dict[str, None], list[str]]] = {"": ({}, [])}
+        placed: set[str] = set()
         for name in self._holder:
             above, _, last = name.rpartition("/")
-            if above not in found:
-                parts = above.split("/")
-                for depth, part in enumerate(parts):
-                    found["/".join(parts[:depth])][0][part] = None
-                    found.setdefault("/".join(parts[: depth + 1]), ({}, []))
-            found[above][1].append(last)
+            found.setdefault(above, ({}, []))[1].append(last)
+            # Those that are known have been put into what they lie in: a deep tree costs no more than a flat one.
+            while above and above not in placed:
+                placed.add(above)
+                parent, _, part = above.rpartition("/")
+                found.setdefault(parent, ({}, []))[0][part] = None
+                above = parent
         return found
 
     def _list(self, index: int) -> None:
         """Lists an archive, and keeps its small files that are no images."""
         prefix, archive = self._mounts[index]
-        names: set[str] = set()
+        names: dict[str, None] = {}
         links: dict[str, str] = {}
+        twice: set[str] = set()
+        member = None
         for member, content in scan_members(archive, lambda member: self._is_worth_keeping(member.name, member.size)):
             name = member.name
-            if not _is_visible(name):
+            if name.startswith(_LEFTOVERS):
                 continue
             if name in names or name in links:
-                raise RouteError(f"{readable(archive)} holds {name!a} twice; pack it again")
-            if member.target:
+                if _is_visible(name):
+                    raise RouteError(f"{readable(archive)} holds {name!a} twice; pack it again")
+                twice.add(name)
+            elif member.target:
                 links[name] = member.target
-                continue
-            names.add(name)
-            self._hold(index, posixpath.join(prefix, name))
-            if content is not None:
-                self._kept[index, name] = content
-                self._room -= len(content)
+            else:
+                names[name] = None
+                if content is not None:
+                    self._kept[index, name] = content
+                    self._room -= len(content)
+        if member is None:
+            raise RouteError(f"{readable(archive)} holds no file; get it again")
+        # Nobody asks for the hidden files that tools leave behind, so those that come twice or lead nowhere do no harm.
+        held = [name for name in names if name not in twice]
         for name, target in links.items():
             final = target
             for _ in range(_LONGEST_CHAIN):
                 final = links.get(final, final)
-            if final not in names:
+            if final in names and final not in twice:
+                self._linked[index, name] = final
+                held.append(name)
+            elif _is_visible(name):
                 raise RouteError(
                     f"{readable(archive)} holds the link {name!a} to {target!a}, which is no file in it; pack it again "
                     "with the files that links lead to (tar --dereference)"
                 )
-            self._linked[index, name] = final
+        for name in held:
             self._hold(index, posixpath.join(prefix, name))
 
     def _hold(self, index: int, name: str) -> None:
@@ -177,7 +204,15 @@ class ArchiveTree:
     def _ambiguous(self, name: str) -> RouteError:
         holders = [self._holder[name], *self._others[name]]
         first, second = (readable(self._mounts[index][1]) for index in holders[:2])
-        return RouteError(f"{first} and {second} both hold {name!a}; keep one of them, or unpack the right one")
+        member = self._member(holders[0], name)
+        return RouteError(f"{first} and {second} both hold {member!a}; keep one of them, or unpack the right one")
+
+
+def is_archive(path: os.PathLike[str]) -> bool:
+    """Says whether something in a directory, or in an archive, is called like an archive and may be a file."""
+    name = os.fspath(path)
+    # A link to nothing is one: it is missed when it is opened.
+    return is_archive_name(name) and (os.path.isfile(name) or not os.path.exists(name))  # noqa: PTH110, PTH113
 
 
 def archives_in(directory: Path) -> list[str]:
@@ -186,33 +221,45 @@ def archives_in(directory: Path) -> list[str]:
     Raises:
         RouteError: A directory cannot be listed.
     """
-    return list(files_below(directory, is_archive_name, 1))
+    return [name for name in files_below(directory, is_archive_name, 1) if is_archive(directory / name)]
 
 
-def open_trees(source: Path) -> list[FileTree]:
+def open_trees(source: Path, *, archives: bool = True) -> list[FileTree]:
     """Opens what holds a source's images: an archive, or a directory of images, of archives, or of both.
 
     Each archive (see `archives_in`) is a tree of its own.
+
+    Args:
+        source: The directory or archive.
+        archives: Whether to open archives; otherwise a directory without images gives no tree, and an archive none.
 
     Raises:
         RouteError: It is none of these, or holds no image.
     """
     trees: list[FileTree] = []
     if source.is_dir():
-        trees = [FolderTree(source), *(ArchiveTree(source / name) for name in archives_in(source))]
-    elif is_archive_name(source.name):
-        trees = [ArchiveTree(source)]
-    else:
+        trees = [FolderTree(source)]
+        if archives:
+            trees += [ArchiveTree(source / name) for name in archives_in(source)]
+    elif not is_archive_name(source.name):
         raise RouteError(
             f"{readable(source)} is neither a directory nor a tar or zip archive; give the directory that holds it"
         )
+    elif archives:
+        trees = [ArchiveTree(source)]
     trees = [tree for tree in trees if tree.images]
-    if not trees:
+    if archives and not trees:
         raise RouteError(
             f"{readable(source)} holds no image (a file that ends in {', '.join(sorted(IMAGE_ENDINGS))}); check "
             "the path"
         )
     return trees
+
+
+def unread_note(archives: Iterable[os.PathLike[str]]) -> list[str]:
+    """Returns a sentence that names archives which were not read; none where there are none."""
+    names = ", ".join(map(readable, archives))
+    return [f"Not read, because what they lie beside or in was taken: {names}."] if names else []
 
 
 def _find_content(archive: Path, member: str) -> bytes:
@@ -233,7 +280,11 @@ def _ending(name: str) -> str:
 
 
 def _is_visible(name: str) -> bool:
-    return not name.startswith((".", "__MACOSX/")) and "/." not in name
+    return not name.startswith((".", _LEFTOVERS)) and "/." not in name
+
+
+def _lies_in(name: str, directory: str) -> bool:
+    return not directory or name == directory or name.startswith(f"{directory}/")
 
 
 def _key(name: str) -> str:

@@ -38,6 +38,11 @@ ARCHIVE_ENDINGS = (".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".
 """Endings (lower case) of the archives that can be read."""
 
 _DRIVE = re.compile("[A-Za-z]:")
+# No file system takes more; the work of a tree of names grows with their depth.
+_LONGEST_NAME = 4096
+_MOST_PARTS = 100
+_MOST_PRINTED = 200
+_MISTRUST = "get it again from where you trust it"
 # What the standard library raises on broken bytes, a broken length field among them.
 _BROKEN = (
     tarfile.TarError,
@@ -73,7 +78,11 @@ _Opener: TypeAlias = Callable[[], IO[bytes]]
 
 
 class _RefusedError(Exception):
-    """Carries what is wrong with an archive to where its name is known."""
+    """Carries what is wrong with an archive, and what to do, to where its name is known."""
+
+    def __init__(self, problem: str, remedy: str = _MISTRUST) -> None:
+        super().__init__(problem)
+        self.remedy = remedy
 
 
 def is_archive_name(name: str) -> bool:
@@ -100,7 +109,8 @@ def scan_members(path: Path, wanted: Callable[[Member], bool] | None = None) -> 
 
     Raises:
         RouteError: The archive cannot be read, is truncated or damaged, or holds a member that leads outside, is a
-            device, is larger than an image may be, or decompresses out of all proportion.
+            device or has a name out of all proportion, or the archive decompresses so; or a wanted file is larger than
+            an image may be.
     """
     with _refusing(path) as last:
         for member, open_member in _walk(path, last):
@@ -134,6 +144,12 @@ def read_members(path: Path, wanted: Collection[str]) -> Iterator[tuple[str, byt
 
 
 def _read(member: Member, open_member: _Opener) -> bytes:
+    if member.size > MAX_FILE_BYTES:
+        raise _RefusedError(
+            f"holds {_printable(member.name)} of {member.size} bytes, more than the {MAX_FILE_BYTES} that are read "
+            "from inside an archive",
+            "unpack it",
+        )
     with open_member() as file:
         content = file.read(member.size + 1)
     if len(content) != member.size:
@@ -154,8 +170,12 @@ def _refusing(path: Path) -> Iterator[_Last]:
     try:
         yield last
     except (_RefusedError, DisproportionError) as error:
-        raise RouteError(f"{readable(path)} {error}; get it again from where you trust it") from error
-    except (*_BROKEN, OSError, NotImplementedError, RuntimeError) as error:
+        remedy = error.remedy if isinstance(error, _RefusedError) else _MISTRUST
+        raise RouteError(f"{readable(path)} {error}; {remedy}") from error
+    except NotImplementedError as error:
+        where = f" (its member {_printable(last.name)})" if last.name else ""
+        raise RouteError(f"{readable(path)} uses a compression that cannot be read{where}; unpack it") from error
+    except (*_BROKEN, OSError, RuntimeError) as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise RouteError(
                 f"cannot read {readable(path)}: {error.strerror or error}; check the file and its permissions"
@@ -169,6 +189,8 @@ def _refusing(path: Path) -> Iterator[_Last]:
 
 def _walk(path: Path, last: _Last) -> Iterator[tuple[Member, _Opener]]:
     """Yields the regular files and links with what opens a file."""
+    if path.exists() and not path.is_file():
+        raise _RefusedError("is no regular file", "give an archive that is one")
     with path.open("rb") as file:
         start = file.read(6)
         file.seek(0)
@@ -182,17 +204,17 @@ def _walk_zip(file: IO[bytes], size: int, last: _Last) -> Iterator[tuple[Member,
     left = expansion_limit(size)
     with zipfile.ZipFile(file) as archive:
         for info in archive.infolist():
-            name = last.name = _clean(info.filename)
+            # Some that pack on Windows separate the parts so; unzip takes it for the same.
+            name = last.name = _clean(_clean(info.filename).replace("\\", "/"))
+            if info.flag_bits & 1:
+                raise _RefusedError(f"is encrypted (its member {_printable(name)})", "unpack it with its password")
             kind = stat.S_IFMT(info.external_attr >> 16)
             if kind == stat.S_IFLNK:
                 target = archive.open(info).read(4096).decode("utf-8", "surrogateescape")
                 yield Member(name, 0, _target(name, target, name)), lambda info=info: archive.open(info)  # type: ignore[misc]
             elif kind not in (0, stat.S_IFREG, stat.S_IFDIR):
                 raise _RefusedError(f"holds {_printable(name)}, which is neither a file nor a directory")
-            elif not info.is_dir():
-                if info.flag_bits & 1:
-                    raise _RefusedError(f"is encrypted (its member {_printable(name)})")
-                _check_size(name, info.file_size)
+            elif not info.filename.endswith(("/", "\\")):
                 left -= info.file_size
                 if left < 0:
                     raise DisproportionError("decompresses out of all proportion")
@@ -211,7 +233,6 @@ def _walk_tar(stream: TarStream, last: _Last) -> Iterator[tuple[Member, _Opener]
                 target = _target(name, info.linkname, name if info.issym() else "")
                 yield Member(name, 0, target), lambda info=info: _member(archive, stream, info)  # type: ignore[misc]
             elif info.isreg():
-                _check_size(name, info.size)
                 yield Member(name, info.size), lambda info=info: _member(archive, stream, info)  # type: ignore[misc]
             elif not info.isdir():
                 raise _RefusedError(f"holds {_printable(name)}, which is neither a file nor a directory")
@@ -232,10 +253,15 @@ def _clean(name: str) -> str:
     """Returns a member's name without `.` parts.
 
     Raises:
-        _RefusedError: It leads outside.
+        _RefusedError: It leads outside, or is too long.
     """
     slashed = name.replace("\\", "/")
     parts = [part for part in slashed.split("/") if part not in ("", ".")]
+    if len(name.encode("utf-8", "surrogateescape")) > _LONGEST_NAME or len(parts) > _MOST_PARTS:
+        raise _RefusedError(
+            f"holds the member {_printable(name)}, whose name is longer than {_LONGEST_NAME} bytes or has more than "
+            f"{_MOST_PARTS} parts"
+        )
     if slashed.startswith("/") or _DRIVE.match(slashed) or ".." in parts or "\0" in name:
         raise _RefusedError(f"holds the member {_printable(name)}, which leads outside the archive")
     return "/".join(part for part in name.split("/") if part not in ("", "."))
@@ -253,11 +279,6 @@ def _target(name: str, target: str, relative_to: str) -> str:
     return whole
 
 
-def _check_size(name: str, size: int) -> None:
-    if size > MAX_FILE_BYTES:
-        raise _RefusedError(f"holds {_printable(name)} of {size} bytes, more than the limit of {MAX_FILE_BYTES}")
-
-
 def _printable(name: str) -> str:
-    """Returns a member's name as text that can be printed on one line."""
-    return ascii(name)[1:-1]
+    """Returns a member's name, or its start, as text that can be printed on one line."""
+    return ascii(name[:_MOST_PRINTED])[1:-1] + ("..." if len(name) > _MOST_PRINTED else "")

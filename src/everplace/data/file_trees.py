@@ -54,6 +54,10 @@ class FileTree(Protocol):
         """
         ...
 
+    def locate(self, name: str) -> Path:
+        """Returns where a file or directory is, or would be, for messages."""
+        ...
+
     def is_dir(self, name: str) -> bool:
         """Says whether there is a directory of this name."""
         ...
@@ -109,6 +113,10 @@ class FolderTree:
         """The names of all images."""
         return tuple(filter(is_image_name, self.files("")))
 
+    def locate(self, name: str) -> Path:
+        """Returns the path of a file or directory."""
+        return self.path / name
+
     def is_dir(self, name: str) -> bool:
         """Says whether there is a directory of this name."""
         return _holds((self.path / name).is_dir)
@@ -119,11 +127,19 @@ class FolderTree:
 
     def children(self, name: str) -> Children:
         """Lists a directory."""
-        directory = self.path / name
+        directory = at = self.path / name
+        kinds: dict[str, bool] = {}
         try:
             with os.scandir(directory) as entries:
-                kinds = {entry.name: entry.is_dir() for entry in entries if not entry.name.startswith(".")}
+                for entry in entries:
+                    if not entry.name.startswith("."):
+                        at = directory / entry.name
+                        kinds[entry.name] = entry.is_dir()
         except OSError as error:
+            if at.is_symlink():
+                raise RouteError(
+                    f"cannot follow the link {readable(at)}: {error.strerror or error}; remove it or mend it"
+                ) from error
             raise RouteError(
                 f"cannot list {readable(directory)}: {error.strerror or error}; check the path and its permissions"
             ) from error

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import posixpath
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Literal, TypeAlias
+from typing import IO, Literal, NamedTuple, TypeAlias
 
-from everplace.data.archive_tree import ArchiveTree, archives_in
-from everplace.data.archives import archive_label, is_archive_name
+from everplace.data.archive_tree import ArchiveTree, archives_in, is_archive, unread_note
+from everplace.data.archives import is_archive_name
 from everplace.data.file_trees import Children, FileTree, FolderTree
 from everplace.errors import RouteError
 from everplace.files import readable
 
-__all__ = ["AnyPath", "TreePath", "find_data_set", "find_places"]
+__all__ = ["AnyPath", "Places", "TreePath", "find_data_set", "find_places"]
 
 # A data set may lie in a directory of the archive, and that in another; KITTI's sequences lie two levels below.
 _DEEPEST = 4
@@ -44,7 +45,7 @@ class TreePath:
 
     def __fspath__(self) -> str:
         """Returns a text for messages: what is inside an archive lies below the archive's path."""
-        return str(self.tree.path / self.inside)
+        return str(self.tree.locate(self.inside))
 
     @property
     def name(self) -> str:
@@ -84,64 +85,130 @@ AnyPath: TypeAlias = Path | TreePath
 """A file on the disk or in a tree."""
 
 
-def find_places(source: Path, wanted: Callable[[TreePath], bool], *, apart: bool = False) -> list[TreePath]:
-    """Finds directories of a kind in what the user gave: itself, or those nearest below it.
+class Places(NamedTuple):
+    """What was found in a source.
 
-    A directory is searched first as it is, then with the archives in it (see `archives_in`) as if they were unpacked.
+    Attributes:
+        found: The directories, those nearest to the top first, each level in natural order.
+        notes: Sentences that say what lies in the source and was not read.
+    """
+
+    found: list[TreePath]
+    notes: list[str]
+
+
+class _Search(NamedTuple):
+    """What one tree holds: the wanted places, the archives outside them, and why a directory was not searched."""
+
+    found: list[TreePath]
+    archives: list[TreePath]
+    closed: list[RouteError]
+
+
+def find_places(source: Path, wanted: Callable[[TreePath], bool], *, apart: bool = False) -> Places:
+    """Finds directories of a kind in what the user gave, down to the fourth level.
+
+    Each branch is searched until one is found; what lies below that belongs to it. A directory on the disk is entered
+    once, though links lead there too.
 
     Args:
         source: A directory or an archive.
         wanted: Says of a directory whether it is one.
-        apart: Unpack each archive of a directory into a directory of its own name, for archives whose names within
-            are the same in all. Otherwise they lie where the archive lies.
-
-    Returns:
-        All at the level nearest to the top, in natural order; none: there is none down to the fourth level.
+        apart: Search each archive in a directory too, as a tree of its own. Otherwise the archives are searched only if
+            nothing is found unpacked, all together, as if each were unpacked where it lies.
 
     Raises:
         RouteError: The source is neither, cannot be listed, or an archive is damaged or dangerous.
     """
-    for tree in _trees(source, apart):
-        level = [TreePath(tree)]
-        for _ in range(_DEEPEST + 1):
-            found = [place for place in level if wanted(place)]
-            if found:
-                return found
-            level = [place / name for place in level for name in place.children().directories]
-    return []
+    if not source.is_dir():
+        if not is_archive_name(source.name):
+            problem = "is neither a directory nor a tar or zip archive" if source.exists() else "does not exist"
+            raise RouteError(f"{readable(source)} {problem}; give the data set's directory, or its archive")
+        found, nested, _ = _search(ArchiveTree(source), wanted)
+        return Places(found, unread_note(nested) if found else [])
+    found, archives, closed = _search(FolderTree(source), wanted)
+    notes = []
+    unread = [archive for place in found for archive in _archives_below(place, closed)]
+    if apart:
+        for archive in archives:
+            inside, nested, _ = _search(ArchiveTree(Path(archive)), wanted)
+            if not inside:
+                notes.append(f"{readable(archive)} holds no sequence.")
+            found += inside
+            unread += nested
+    elif archives and not found:
+        mounts = [(posixpath.dirname(archive.inside), Path(archive)) for archive in archives]
+        found, nested, _ = _search(ArchiveTree(source, mounts), wanted)
+        unread += nested
+    else:
+        unread += archives
+    if closed and not found:
+        raise closed[0]
+    notes += [f"A directory was not searched: {error}." for error in closed]
+    return Places(found, unread_note(unread) + notes)
 
 
-def find_data_set(source: Path, wanted: Callable[[TreePath], bool], what: str) -> TreePath:
+def find_data_set(
+    source: Path, wanted: Callable[[TreePath], bool], what: str, *, preferred: str = ""
+) -> tuple[TreePath, list[str]]:
     """Finds the one data set in what the user gave; see `find_places`.
 
     Args:
         source: A directory or an archive.
         wanted: Says of a directory whether it holds the data set.
         what: What it must hold, for the message.
+        preferred: The name of the directory that counts where there are several.
 
     Returns:
-        Where it is; the top of the source, if it is nowhere.
+        Where it is, or the top of the source if it is nowhere; and sentences that say what was not read.
 
     Raises:
         RouteError: There are several, or as for `find_places`.
     """
-    found = find_places(source, wanted)
+    places = find_places(source, wanted)
+    found = [place for place in places.found if place.name == preferred] or places.found
     if len(found) > 1:
-        raise RouteError(f"{readable(found[0])} and {readable(found[1])} both hold {what}; give one of them")
-    return found[0] if found else TreePath(FolderTree(source) if source.is_dir() else ArchiveTree(source))
+        remedy = "give one of them" if found[0].is_on_disk else "unpack the archive and give one of them"
+        raise RouteError(f"{readable(found[0])} and {readable(found[1])} both hold {what}; {remedy}")
+    if found:
+        return found[0], places.notes
+    return TreePath(FolderTree(source) if source.is_dir() else ArchiveTree(source)), []
 
 
-def _trees(source: Path, apart: bool) -> Iterator[FileTree]:
-    if not source.is_dir():
-        if not is_archive_name(source.name):
-            problem = "is neither a directory nor a tar or zip archive" if source.exists() else "does not exist"
-            raise RouteError(f"{readable(source)} {problem}; give the data set's directory, or its archive")
-        yield ArchiveTree(source)
-        return
-    yield FolderTree(source)
-    mounts = []
-    for name in archives_in(source):
-        above, last = posixpath.split(name)
-        mounts.append((posixpath.join(above, archive_label(last)) if apart else above, source / name))
-    if mounts:
-        yield ArchiveTree(source, mounts)
+def _archives_below(place: TreePath, closed: list[RouteError]) -> list[TreePath]:
+    """Returns the archives in a directory; if that fails, adds to `closed` why."""
+    try:
+        return [place / name for name in archives_in(Path(place))]
+    except RouteError as error:
+        closed.append(error)
+        return []
+
+
+def _search(tree: FileTree, wanted: Callable[[TreePath], bool]) -> _Search:
+    result = _Search([], [], [])
+    entered: set[tuple[int, int]] = set()
+    level = [TreePath(tree)]
+    for _ in range(_DEEPEST + 1):
+        below = []
+        for place in level:
+            if place.is_on_disk:
+                with contextlib.suppress(OSError):  # one that cannot be entered cannot be listed either
+                    status = Path(place).stat()
+                    if (status.st_dev, status.st_ino) in entered:
+                        continue
+                    entered.add((status.st_dev, status.st_ino))
+            if wanted(place):
+                result.found.append(place)
+                continue
+            try:
+                directories, files = place.children()
+            except RouteError as error:
+                if not place.inside:
+                    raise
+                result.closed.append(error)
+                continue
+            result.archives.extend(place / name for name in files if is_archive(place / name))
+            below += [place / name for name in directories]
+        # A directory counts before a link to it.
+        level = sorted(below, key=lambda place: place.is_on_disk and Path(place).is_symlink())
+    return result

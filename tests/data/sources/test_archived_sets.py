@@ -170,6 +170,37 @@ def test_what_is_unpacked_counts_before_an_archive_beside_it(data_set: Any) -> N
     (data_set.root / "old.zip").write_bytes(b"PK\3\4 damaged")
     summary = import_route("vprbench", data_set.root, data_set.root.parent / "out")
     assert summary.linked == summary.frames == 15
+    assert any("Not read" in note and "old.zip" in note for note in summary.notes)
+    (data_set.root / "more").mkdir()
+    (data_set.root / "more/loop").symlink_to("loop")
+    summary = import_route("vprbench", data_set.root, data_set.root.parent / "second")
+    assert summary.frames == 15
+    assert any("not searched: cannot follow the link" in note and "more/loop" in note for note in summary.notes)
+
+
+@pytest.mark.parametrize("kind", ["euroc", "tum"])
+def test_sequences_at_all_depths_are_read_unpacked_or_not(data_set: Any, tmp_path: Path, kind: str) -> None:
+    module: Any = {"euroc": test_euroc, "tum": test_tum}[kind]
+    for name in ("a10", "a9", "b", "c"):
+        module.write(data_set, name)
+    expected = imported(kind, data_set.root, limit="0.3")
+    mixed = tmp_path / "mixed"
+    pack(data_set.root / "a9", mixed / "a9.zip")
+    pack(data_set.root / "a10", mixed / "other.tgz", "a10/")
+    pack(data_set.root / "b", mixed / "deeper/b.tar")
+    shutil.copytree(data_set.root / "c", mixed / "one/two/c")
+    assert imported(kind, mixed, limit="0.3") == expected
+    pack(data_set.root / "c", mixed / "c.zip")
+    with pytest.raises(RouteError, match=r"two/c and .*c\.zip would both be the sequence c; keep one of them"):
+        imported(kind, mixed, limit="0.3")
+
+
+def test_archives_beside_unpacked_sequences_are_named(data_set: Any) -> None:
+    write_kitti(data_set)
+    pack(data_set.root / "poses", data_set.root / "data_odometry_poses.zip", "dataset/poses/")
+    shutil.rmtree(data_set.root / "poses")
+    summary = import_route("kitti", data_set.root, data_set.root.parent / "out")
+    assert any("Not read" in note and "data_odometry_poses.zip" in note for note in summary.notes)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -238,7 +269,9 @@ def test_two_data_sets_are_not_mixed(data_set: Any, tmp_path: Path) -> None:
     write_vprbench(data_set)
     files = [(path.relative_to(data_set.root).as_posix(), path.read_bytes()) for path in data_set.root.rglob("*.*")]
     archive = pack_files(tmp_path / "a.zip", [(f"{top}/{name}", data) for top in ("b", "c") for name, data in files])
-    with pytest.raises(RouteError, match=r"a\.zip/b and .*a\.zip/c both hold query and ref; give one of them"):
+    with pytest.raises(
+        RouteError, match=r"a\.zip/b and .*a\.zip/c both hold query and ref; unpack the archive and give one"
+    ):
         vprbench.read(archive, vprbench.Options())
 
 

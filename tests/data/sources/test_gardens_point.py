@@ -42,7 +42,9 @@ def test_the_archive_is_read_as_it_is_and_what_is_unpacked_counts_first(data_set
                 zip(("000", "010"), expected[name], strict=True)
             )
     shutil.copytree(data_set.root, tmp_path / "fetched" / "unpacked")
+    (tmp_path / "fetched" / "junk.zip").write_bytes(b"junk")
     route = gardens_point.read(tmp_path / "fetched", gardens_point.Options())
+    assert any("Not read" in note and "Walking.zip" in note and "junk.zip" in note for note in route.notes)
     frames = [frame for one in route.traverses for frame in one.frames]
     assert [isinstance(frame.content, Path) for frame in frames] == [True] * 4
     data = (tmp_path / "fetched" / "GardensPoint_Walking.zip").read_bytes()

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
+from tests.data.packing import pack
 from tests.fuzzing import fuzzed
 
 from everplace.data.geodesy import local_plane
@@ -63,6 +64,18 @@ def test_drives_become_traverses_with_conditions_poses_and_times(tmp_path: Path,
         np.testing.assert_allclose(traverse.poses[:, 2], np.pi / 2, atol=1e-9)
     lines = (tmp_path / "route/2021-08-13-21-18-04/times.csv").read_text().splitlines()
     assert lines[2] == "2021-08-13-21-18-04_000001,1628230000.1"
+
+
+@pytest.mark.parametrize("archived", [False, True])
+def test_a_complete_copy_holds_projected_depth_beside_the_drives(tmp_path: Path, archived: bool) -> None:
+    write_drive(tmp_path / "ms2", DAY, 2)
+    depth = tmp_path / "ms2/proj_depth" / DAY / "rgb/depth"
+    shutil.copytree(tmp_path / "ms2/sync_data" / DAY / "rgb/img_left", depth)
+    source = pack(tmp_path / "ms2", tmp_path / "ms2.zip") if archived else tmp_path / "ms2"
+    assert len(imported(source, tmp_path / "route").traverses[0]) == 2
+    shutil.copytree(depth, depth.with_name("img_left"))
+    source = pack(tmp_path / "ms2", tmp_path / "ms2.zip") if archived else tmp_path / "ms2"
+    assert len(imported(source, tmp_path / "second").traverses[0]) == 2
 
 
 def test_camera_side_sequences_conditions_and_every(tmp_path: Path) -> None:

@@ -122,6 +122,19 @@ def test_one_archive_a_season_even_if_only_its_name_tells_which(tmp_path: Path) 
     assert [traverse.name for traverse in route.traverses] == ["winter"]
 
 
+def test_archives_beside_a_complete_copy_are_not_opened(tmp_path: Path) -> None:
+    source = write(tmp_path / "nordland", folders())
+    (source / "junk.zip").write_bytes(b"junk")
+    summary, route = load(source)
+    check(route, STEMS)
+    assert any("Not read" in note and "junk.zip" in note for note in summary.notes)
+    shutil.rmtree(source / "fall")
+    assert "junk.zip" in refused(source)
+    tar(source / "fall.tar.gz", {name: data for name, data in folders().items() if name.startswith("fall")})
+    (source / "junk.zip").unlink()
+    check(load(source)[1], STEMS)
+
+
 def test_a_single_season_and_chosen_seasons(tmp_path: Path) -> None:
     source = write(tmp_path / "n", folders())
     assert list(load(source, seasons="winter, summer")[0].traverses) == ["summer", "winter"]
@@ -565,7 +578,11 @@ def test_sources_that_are_not_nordland(tmp_path: Path) -> None:
 
 def test_the_same_frame_twice_is_refused(tmp_path: Path) -> None:
     source = write(tmp_path / "n", {"winter/1.png": b"x", "winter/1.jpg": b"x"})
-    assert "holds 'winter/1.jpg' and 'winter/1.png', the same frame of winter twice" in refused(source)
+    assert f"{source}/winter/1.jpg and {source}/winter/1.png are the same frame of winter twice" in refused(source)
+    (source / "winter/1.jpg").unlink()
+    tar(source / "winter.tar.gz", {"1.png": b"x"})
+    assert "winter/1.png and " in refused(source)
+    assert f"{source}/winter.tar.gz/1.png are the same" in refused(source)
 
 
 @pytest.mark.parametrize(

@@ -109,3 +109,12 @@ def test_any_text_is_a_sequence_or_one_error(data_set: Any, text: str, truth: bo
         assert "\n" not in str(error)
     else:
         assert [one.count for one in route.traverses] >= [1]
+
+
+def test_an_image_named_twice_is_refused_with_the_line(data_set: Any) -> None:
+    write(data_set, "desk")
+    listing = data_set.root / "desk/rgb.txt"
+    lines = listing.read_text().splitlines()
+    data_set.text("desk/rgb.txt", [*lines, lines[-1]])
+    with pytest.raises(RouteError, match=rf"rgb\.txt, line {len(lines) + 1} names the image '.*' a second time"):
+        data_set.read(tum, "desk")

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.data.image_tree import read_files
+from everplace.data.natural_order import natural_sorted
 from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignTraverse
 from everplace.data.trajectory import Trajectory, Up, plane_poses
 from everplace.data.traverse import Pose
-from everplace.data.tree_path import TreePath, find_places
+from everplace.data.tree_path import Places, TreePath, find_places
 from everplace.errors import RouteError
 from everplace.files import readable
 
@@ -56,10 +57,8 @@ class ImageSequence:
     has_poses: bool
 
 
-def find_sequences(
-    source: Path, is_sequence: Callable[[TreePath], bool], what: str, *, apart: bool = False
-) -> list[TreePath]:
-    """Returns the source if it is a sequence, else the sequences nearest below it, in natural order.
+def find_sequences(source: Path, is_sequence: Callable[[TreePath], bool], what: str, *, apart: bool = False) -> Places:
+    """Returns the source if it is a sequence, else the sequences below it, in natural order of their names.
 
     Args:
         source: What the user gave.
@@ -68,15 +67,23 @@ def find_sequences(
         apart: Each archive of a directory is a sequence of its own; see `find_places`.
 
     Raises:
-        RouteError: There is none, or an archive is damaged.
+        RouteError: There is none, two have the same name, or an archive is damaged.
     """
-    found = find_places(source, is_sequence, apart=apart)
+    found, notes = find_places(source, is_sequence, apart=apart)
     if not found:
         raise RouteError(
             f"neither {readable(source)} nor a directory in it holds {what}; give a sequence or the directory above "
             "several"
         )
-    return found
+    named: dict[str, TreePath] = {}
+    for place in found:
+        other = named.setdefault(place.name, place)
+        if other is not place:
+            raise RouteError(
+                f"{readable(other)} and {readable(place)} would both be the sequence {readable(place.name)}; keep one "
+                "of them, or rename it"
+            )
+    return Places([named[name] for name in natural_sorted(named)], notes)
 
 
 def poses_at(

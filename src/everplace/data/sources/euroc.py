@@ -65,14 +65,14 @@ def read(source: Path, options: Options) -> ForeignRoute:
     Raises:
         RouteError: There is no sequence, or a file in it is missing or malformed.
     """
-    found = find_sequences(
+    found, notes = find_sequences(
         source,
         lambda path: (_mav0(path) / options.camera / "data.csv").is_file(),
         f"mav0/{options.camera}/data.csv",
         apart=True,
     )
     sequences = [_read_sequence(path, options) for path in found]
-    return sequences_route(sequences, options.radius, f"no pose within {options.limit:g} s")
+    return sequences_route(sequences, options.radius, f"no pose within {options.limit:g} s", notes)
 
 
 def _mav0(path: TreePath) -> TreePath:

@@ -14,7 +14,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
-from everplace.data.archive_tree import open_trees
+from everplace.data.archive_tree import archives_in, open_trees, unread_note
 from everplace.data.file_trees import FileTree, FolderTree
 from everplace.data.natural_order import natural_sorted
 from everplace.data.sources.protocol import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
@@ -66,9 +66,9 @@ def read(source: Path, options: Options) -> ForeignRoute:
         RouteError: None of the three directories is there, one is there twice, a file's name holds no number or two, or
             an archive is damaged.
     """
-    trees = open_trees(source)
-    unpacked = [tree for tree in trees if isinstance(tree, FolderTree)]
-    found = _find(unpacked) or _find([tree for tree in trees if tree not in unpacked])
+    found = _find(open_trees(source, archives=False))
+    unread = unread_note(source / name for name in archives_in(source)) if found else []
+    found = found or _find([tree for tree in open_trees(source) if not isinstance(tree, FolderTree)])
     if not found:
         raise RouteError(
             f"{readable(source)} holds none of {', '.join(_TRAVERSES)}; give the directory or archive that does"
@@ -76,7 +76,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     absent = [name for name in _TRAVERSES if name not in found]
     listed = {name: _by_number(found[name]) for name in _TRAVERSES if name in found}
     shared = set.intersection(*(set(frames) for frames in listed.values()))
-    notes = ["Licence unknown: no licence came with the data set, so take it for research use only."]
+    notes = ["Licence unknown: no licence came with the data set, so take it for research use only.", *unread]
     if absent:
         notes.append(f"The copy has no {' and no '.join(absent)}.")
     alone = {name: len(frames) - len(shared) for name, frames in listed.items() if len(frames) > len(shared)}

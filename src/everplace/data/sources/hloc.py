@@ -52,7 +52,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         RouteError: A file is missing or damaged, names an image outside the directory, or the pairs name an image
             that the list of all does not.
     """
-    place = find_data_set(source, lambda place: (place / options.pairs).is_file(), options.pairs)
+    place, notes = find_data_set(source, lambda place: (place / options.pairs).is_file(), options.pairs)
     root = place / options.images
     pairs_file = place / options.pairs
     pairs = _read_pairs(pairs_file)
@@ -65,7 +65,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     listed = {side: by_stem(root, names) for side, names in sides.items()}
     first, *rest = listed
     second = rest[0] if rest else first
-    notes = [f"The pairs of {options.pairs} are taken for the truth; if a retrieval made them, they are none."]
+    notes.append(f"The pairs of {options.pairs} are taken for the truth; if a retrieval made them, they are none.")
     if together:
         notes.append("Queries and database share images, so they are one traverse.")
     stems = {side: {name: stem for stem, name in found.items()} for side, found in listed.items()}

@@ -69,9 +69,8 @@ def read(source: Path, options: Options) -> ForeignRoute:
         RouteError: There is no such directory, a file in it is missing or malformed, or several cameras took
             images and none was chosen.
     """
-    found = find_sequences(source, lambda path: (path / "sensors" / _RECORDS).is_file(), f"sensors/{_RECORDS}")
+    found, notes = find_sequences(source, lambda path: (path / "sensors" / _RECORDS).is_file(), f"sensors/{_RECORDS}")
     sequences = [sequence for path in found for sequence in _read_directory(path, options)]
-    notes = []
     if any(sequence.has_poses for sequence in sequences):
         notes.append(f"The axis {options.up} was taken for up; if it is another, say so with --set up=AXIS.")
     return sequences_route(sequences, options.radius, "no pose in trajectories.txt", notes)

@@ -57,7 +57,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     Raises:
         RouteError: There is no such sequence, or a file in it is missing or malformed.
     """
-    found = find_sequences(source, lambda path: (path / options.camera).is_dir(), f"{options.camera}/")
+    found, notes = find_sequences(source, lambda path: (path / options.camera).is_dir(), f"{options.camera}/")
     names = [path.name for path in found]
     for name in options.sequences:
         if name not in names:
@@ -66,7 +66,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
             )
     chosen = [path for path, name in zip(found, names, strict=True) if name in (options.sequences or names)]
     sequences = [_read_sequence(path, options) for path in chosen]
-    return sequences_route(sequences, options.radius, "no line in the file of poses")
+    return sequences_route(sequences, options.radius, "no line in the file of poses", notes)
 
 
 def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:

@@ -79,11 +79,18 @@ def read(source: Path, options: Options) -> ForeignRoute:
         RouteError: It is not MS2, or a sequence or archive is incomplete or damaged.
         ConfigError: A sequence that is wanted is not there, or a condition cannot be.
     """
-    root = find_data_set(source, lambda place: bool(_sequences(place, options.camera)), "sequences of MS2")
+    images = f"{options.camera}/img_{options.side}"
+    root, notes = find_data_set(
+        # `proj_depth` beside `sync_data` holds directories of the same names.
+        source,
+        lambda place: bool(_sequences(place, images)),
+        "sequences of MS2",
+        preferred="sync_data",
+    )
     known = _sequences(root, options.camera)
     if not known:
         raise RouteError(
-            f"{readable(source)} holds no sync_data/<sequence>/{options.camera}; give the directory above sync_data"
+            f"{readable(source)} holds no sync_data/<sequence>/{images}; give the directory above sync_data"
         )
     for name in options.sequences:
         if name not in known:
@@ -92,7 +99,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     drives = [_open(root / name, options) for name in known if not options.sequences or name in options.sequences]
     fixes = [drive.positions[0] for drive in drives if drive.positions is not None]
     origin = (float(fixes[0][0]), float(fixes[0][1])) if fixes else (0.0, 0.0)
-    notes = [_LICENCE]
+    notes.append(_LICENCE)
     bare = [readable(drive.name) for drive in drives if drive.positions is None]
     notes += [f"{name} has no gps_imu/data: it gets no poses." for name in bare]
     return ForeignRoute(_traverses(drives, origin, table), notes=tuple(notes))

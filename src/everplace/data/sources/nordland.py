@@ -13,13 +13,14 @@ The same stem in two seasons is the same place in each of them.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Protocol
 
 from pydantic import BeforeValidator
 
-from everplace.data.archive_tree import open_trees
+from everplace.data.archive_tree import archives_in, open_trees, unread_note
 from everplace.data.file_trees import FileTree, files_below
 from everplace.data.natural_order import natural_sorted
 from everplace.data.sources._nordland_names import (
@@ -163,6 +164,11 @@ def _open(source: Path, options: Options) -> Copy:
             return open_copy(source, files, "test" if options.preset == "olid" else options.split)
         if options.form:
             raise RouteError(f"{readable(source)} holds no file that ends in {' or '.join(endings)}; check the path")
+    with contextlib.suppress(RouteError):  # what is wrong with the directory alone, the archives may mend
+        unpacked = _Images(source, open_trees(source, archives=False), options)
+        if unpacked.is_complete(_seasons(options), options.split):
+            unpacked.notes += tuple(unread_note(source / name for name in archives_in(source)))
+            return unpacked
     return _Images(source, open_trees(source), options)
 
 
@@ -197,10 +203,10 @@ class _Images:
                 season = at.get(frame.season, frame.season)
                 frames = self._where.setdefault(season, {})
                 if frame.stem in frames:
-                    other = frames[frame.stem][1]
+                    before, other = frames[frame.stem]
                     raise RouteError(
-                        f"{readable(source)} holds {other!a} and {name!a}, the same frame of {season} twice; "
-                        "keep one of them"
+                        f"{readable(trees[before].locate(other))} and {readable(tree.locate(name))} are the same frame "
+                        f"of {season} twice; keep one of them"
                     )
                 frames[frame.stem] = (index, name)
                 furthest = max(furthest, frame, key=lambda frame: frame.north)
@@ -211,6 +217,11 @@ class _Images:
             self.tolerance = int(25.0 * int(furthest.stem) / furthest.north)
         self.stems = {season: natural_sorted(frames) for season, frames in self._where.items()}
         self.notes = _left_out(nowhere)
+
+    def is_complete(self, seasons: Sequence[str], split: str) -> bool:
+        """Says whether it has frames of all these seasons, and of both splits if both are wanted and it has splits."""
+        parts = ({stem.partition("-")[0] for stem in self.stems.get(season, ())} for season in seasons)
+        return all(part and (split != "both" or part not in ({"test"}, {"train"})) for part in parts)
 
     def read(self, season: str, stems: Sequence[str]) -> Iterator[ForeignFrame]:
         """Reads tree by tree."""

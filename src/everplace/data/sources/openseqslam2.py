@@ -57,7 +57,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         RouteError: A file or directory is missing, or the ground truth is malformed or speaks of an image that
             does not exist.
     """
-    root = find_data_set(source, lambda place: (place / options.truth).is_file(), options.truth)
+    root, notes = find_data_set(source, lambda place: (place / options.truth).is_file(), options.truth)
     listed: dict[str, dict[str, str]] = {}
     for side, where in (("query", options.query), ("reference", options.reference)):
         directory, names = _list(root, where)
@@ -65,7 +65,8 @@ def read(source: Path, options: Options) -> ForeignRoute:
     queries, references = list(listed["query"]), list(listed["reference"])
     truth = _read_truth(root / options.truth, len(queries), len(references))
     alone = len(queries) - len(truth)
-    notes = [f"{alone} of {len(queries)} queries have no true match."] if alone else []
+    if alone:
+        notes.append(f"{alone} of {len(queries)} queries have no true match.")
     return ForeignRoute(
         traverses=(
             ForeignTraverse(side, _frames(root, where, listed[side]), count=len(listed[side]))

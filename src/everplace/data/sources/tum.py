@@ -57,15 +57,19 @@ def read(source: Path, options: Options) -> ForeignRoute:
     Raises:
         RouteError: There is no sequence, or a file in it is missing or malformed.
     """
-    found = find_sequences(source, lambda path: (path / options.images).is_file(), options.images, apart=True)
+    found, notes = find_sequences(source, lambda path: (path / options.images).is_file(), options.images, apart=True)
     sequences = [_read_sequence(path, options) for path in found]
-    return sequences_route(sequences, options.radius, f"no pose within {options.limit:g} s")
+    return sequences_route(sequences, options.radius, f"no pose within {options.limit:g} s", notes)
 
 
 def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
     listing, truth = directory / options.images, directory / "groundtruth.txt"
-    rows = [(row.floats(0, 1)[0], row.inside(1)) for row in read_rows(listing)]
-    seconds = {name: moment for moment, name in rows}
+    seconds: dict[str, float] = {}
+    for row in read_rows(listing):
+        moment, name = row.floats(0, 1)[0], row.inside(1)
+        if name in seconds:
+            raise row.wrong(f"names the image {name!r} a second time; keep one line for each image")
+        seconds[name] = moment
     stems = {name: PurePosixPath(name).stem for name in seconds}
     if len(set(stems.values())) < len(stems):
         stems = {name: stem for stem, name in by_stem(directory, seconds).items()}

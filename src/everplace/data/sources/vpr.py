@@ -68,7 +68,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         RouteError: There is no such split, it holds no image, a file's name holds no coordinates, or an archive is
             damaged.
     """
-    split = _find(source, options.split)
+    split, notes = _find(source, options.split)
     directories = [split / name for name in _TRAVERSES]
     listed = {directory: by_stem(directory, image_names(directory)) for directory in directories}
     zones: set[int] = set()
@@ -78,10 +78,10 @@ def read(source: Path, options: Options) -> ForeignRoute:
         zones.update(place.zone for place in places if place.zone is not None)
         timed[directory] = all(place.seconds is not None for place in places)
     known = sorted(zones)
-    notes = [
+    notes.append(
         f"Two images show the same place within {options.radius:g} m (the protocol's own radius is 25 m); headings are "
         "not compared."
-    ]
+    )
     if len(known) > 1:
         notes.append(
             f"The images lie in the UTM zones {', '.join(map(str, known))}; each zone was moved 1,000 km east of the "
@@ -98,15 +98,15 @@ def read(source: Path, options: Options) -> ForeignRoute:
     )
 
 
-def _find(source: Path, split: str) -> TreePath:
-    root = find_data_set(
+def _find(source: Path, split: str) -> tuple[TreePath, list[str]]:
+    root, notes = find_data_set(
         source,
         lambda place: any(map(_is_split, (place, *(one for name in _SPLITS for one in _places(place, name))))),
         "images of a database and of queries",
     )
     for candidate in (*_places(root, split), root):
         if _is_split(candidate):
-            return candidate
+            return candidate, notes
     there = [name for name in _SPLITS if any(one.is_dir() for one in _places(root, name))]
     remedy = f"choose --set split= one of {', '.join(there)}" if there else "give the directory above images"
     raise RouteError(f"{readable(source)} holds no images/{split} with the directories database and queries; {remedy}")

@@ -51,7 +51,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         RouteError: A directory or the file is missing, the file is damaged, unsafe, or speaks of images that do not
             exist, or an archive is damaged.
     """
-    root = find_data_set(source, lambda place: all((place / part).is_dir() for part in _PARTS), "query and ref")
+    root, notes = find_data_set(source, lambda place: all((place / part).is_dir() for part in _PARTS), "query and ref")
     names = {
         part: by_stem(root / part, image_names(root / part), "" if options.same_names else f"{part}-")
         for part in _PARTS
@@ -59,7 +59,8 @@ def read(source: Path, options: Options) -> ForeignRoute:
     queries, references = list(names["query"]), list(names["ref"])
     truth = _read_truth(root / options.truth, len(queries), len(references))
     alone = len(queries) - sum(1 for matches in truth.values() if matches)
-    notes = [f"{alone} of {len(queries)} queries have no true match."] if alone else []
+    if alone:
+        notes.append(f"{alone} of {len(queries)} queries have no true match.")
     return ForeignRoute(
         traverses=(
             ForeignTraverse(part, _frames(root / part, found), count=len(found)) for part, found in names.items()
