@@ -190,8 +190,13 @@ def test_sequences_at_all_depths_are_read_unpacked_or_not(data_set: Any, tmp_pat
     pack(data_set.root / "b", mixed / "deeper/b.tar")
     shutil.copytree(data_set.root / "c", mixed / "one/two/c")
     assert imported(kind, mixed, limit="0.3") == expected
-    pack(data_set.root / "c", mixed / "c.zip")
-    with pytest.raises(RouteError, match=r"two/c and .*c\.zip would both be the sequence c; keep one of them"):
+    pack(data_set.root / "c", mixed / "c.zip")  # what was fetched, left beside what was unpacked from it
+    again = imported(kind, mixed, limit="0.3")
+    assert {**again, "route.toml": expected["route.toml"]} == expected
+    summary = import_route(kind, mixed, tmp_path / "noted", {"limit": "0.3"})
+    assert any("c.zip holds c too, which is unpacked" in note for note in summary.notes)
+    pack(data_set.root / "b", mixed / "again.zip", "b/")
+    with pytest.raises(RouteError, match=r"again\.zip/b and .*b\.tar would both be the sequence b; keep one of them"):
         imported(kind, mixed, limit="0.3")
 
 

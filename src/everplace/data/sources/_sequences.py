@@ -67,7 +67,8 @@ def find_sequences(source: Path, is_sequence: Callable[[TreePath], bool], what: 
         apart: Each archive of a directory is a sequence of its own; see `find_places`.
 
     Raises:
-        RouteError: There is none, two have the same name, or an archive is damaged.
+        RouteError: There is none, two have the same name (what is unpacked counts before its archive), or an archive is
+            damaged.
     """
     found, notes = find_places(source, is_sequence, apart=apart)
     if not found:
@@ -78,7 +79,9 @@ def find_sequences(source: Path, is_sequence: Callable[[TreePath], bool], what: 
     named: dict[str, TreePath] = {}
     for place in found:
         other = named.setdefault(place.name, place)
-        if other is not place:
+        if other.is_on_disk and not place.is_on_disk:
+            notes = [*notes, f"{readable(place.tree.path)} holds {readable(place.name)} too, which is unpacked."]
+        elif other is not place:
             raise RouteError(
                 f"{readable(other)} and {readable(place)} would both be the sequence {readable(place.name)}; keep one "
                 "of them, or rename it"
