@@ -152,9 +152,10 @@ class BoundModule(lightning.LightningModule):
         output = self.model(images, noise[rank::world].to(self.device))
         log_sigma = optimal_log_sigma(images, output.reconstruction)
         weights = self._weights(batch_idx)
-        labels = (batch.conditions, self._place_target(batch))
-        terms = bound_terms(self.model, images, output, log_sigma, labels, weights)
-        terms |= self.remedies(self.model, images, output, log_sigma, batch.conditions, self.progress(batch_idx))
+        targets = (batch.conditions, self._place_target(batch))
+        terms = bound_terms(self.model, images, output, log_sigma, targets, weights)
+        labels = (batch.conditions, batch.places)
+        terms |= self.remedies(self.model, images, output, log_sigma, labels, self.progress(batch_idx))
         loss = -self.remedies.objective(terms, weights) / images[0].numel()
         if not torch.isfinite(loss):
             self.require_finite({**terms, "loss": loss})
