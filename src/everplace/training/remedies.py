@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from everplace.model.architecture import ConditionVAE, Output
 from everplace.model.bounds import Weights, gaussian_log_likelihood, label_log_likelihood
 from everplace.model.config import ModelConfig
-from everplace.model.posterior import Posterior
+from everplace.model.posterior import LatentSplit, Posterior
 from everplace.model.remedies import ConditionAdversary, ConditionalPrior, free_bits, info_nce, reversal_strength
 from everplace.training.sections import Remedies
 
@@ -81,17 +81,31 @@ class RemedyTerms(nn.Module):
             terms["swap"] = _swap_log_likelihood(model, images, output.z, frames, donors, log_sigma)
         if self.conditional_prior is None and not remedies.free_bits:
             return terms
-        kl = posterior.kl()
-        kl_place, kl_condition = split.z_p(kl), split.z_c(kl)
+        kl_place, kl_condition = self.kl(split, posterior, conditions)
         if self.conditional_prior is not None:
-            assert posterior.log_variance is not None
-            of_z_c = Posterior(split.z_c(posterior.mean), split.z_c(posterior.log_variance))
-            kl_condition = self.conditional_prior.kl(of_z_c, conditions)
             terms["kl_conditional"] = kl_condition.sum(1)
         if remedies.free_bits:
             for name, block in (("free_place", kl_place), ("free_condition", kl_condition)):
                 terms[name] = free_bits(block, remedies.free_bits) - block.mean(0).sum()
         return terms
+
+    def kl(self, split: LatentSplit, posterior: Posterior, conditions: Tensor) -> tuple[Tensor, Tensor]:
+        """KL divergence of the posterior from the priors of the run, of each frame and dimension.
+
+        Args:
+            split: The order of the blocks.
+            posterior: (B, D).
+            conditions: (B,) indices.
+
+        Returns:
+            That of z_p from N(0, I), (B, P), and of z_c from p(z_c|c), or N(0, I) if that is off, (B, C). In nats.
+        """
+        kl = posterior.kl()
+        if self.conditional_prior is None:
+            return split.z_p(kl), split.z_c(kl)
+        assert posterior.log_variance is not None
+        of_z_c = Posterior(split.z_c(posterior.mean), split.z_c(posterior.log_variance))
+        return split.z_p(kl), self.conditional_prior.kl(of_z_c, conditions)
 
     def objective(self, terms: dict[str, Tensor], weights: Weights) -> Tensor:
         """What a step maximises: the bound with what the remedies add to it.
