@@ -125,7 +125,7 @@ def test_z_c_of_another_place_is_of_another_place_in_the_condition_or_the_frame_
 
 
 @pytest.mark.parametrize("swap_z_c", ["same_place", "other_place"])
-def test_a_swap_is_normalised_by_its_batch_and_leaves_the_running_statistics_alone(swap_z_c: str) -> None:
+def test_a_swap_is_normalised_by_its_batch_and_leaves_the_running_statistics_alone(swap_z_c: Any) -> None:
     model, output = made()
     model.decoder.train()
     before = {name: buffer.clone() for name, buffer in model.decoder.named_buffers()}
