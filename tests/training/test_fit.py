@@ -289,6 +289,13 @@ def test_what_cannot_be_trained_is_one_clear_error_and_makes_no_directory(
         (route, make_config(conditions=("dusk",)), 1, RouteError, "'dusk'"),
         (route, make_config(frames="5:1"), 1, ConfigError, "5:1"),
         (route, make_config(batch_size=6), 4, ConfigError, "a batch of 6 frames is too small for 4 devices"),
+        (
+            route,
+            make_config(batch_size=2, remedies={"contrastive": 1.0}),
+            1,
+            ConfigError,
+            r"a batch of 1 pair of frames \(batch_size = 2\) is too small for 1 device with remedies.contrastive",
+        ),
     ]
     for chosen, config, devices, error, message in refused:
         with pytest.raises(error, match=message):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import lightning
 import pytest
@@ -21,6 +22,7 @@ from everplace.model.bounds import (
 )
 from everplace.model.config import MODEL_KINDS, ModelConfig, ModelKind
 from everplace.model.images import to_input
+from everplace.model.posterior import Posterior
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch
 from everplace.training.module import BoundModule
@@ -195,3 +197,27 @@ def test_a_checkpoint_is_spoken_of_only_where_there_is_one(make_config: MakeConf
     with pytest.raises(DivergedError) as caught:
         module.require_finite({"loss": float("nan")})
     assert ("last good checkpoint stands" in str(caught.value)) is has_checkpoint
+
+
+@pytest.mark.parametrize("conditional_prior", [False, True])
+def test_the_active_dimensions_of_z_c_are_counted_from_the_prior_that_the_run_has(
+    conditional_prior: bool, make_config: MakeConfig
+) -> None:
+    """A posterior that is p(z_c|c) but for three of its dimensions."""
+    config = make_config(remedies={"conditional_prior": conditional_prior})
+    module = small_module(small_model("cp-vae"), config)
+    batch = small_batch()
+    prior = torch.randn(2, 32, generator=torch.Generator().manual_seed(0)) + torch.tensor([[4.0], [-4.0]])
+    if module.remedies.conditional_prior is not None:
+        with torch.no_grad():
+            module.remedies.conditional_prior.mean.copy_(prior)
+    z_c = prior[batch.conditions]
+    z_c[:, :3] += 1.0
+    mean = torch.cat([torch.zeros(6, 96), z_c], dim=1)
+    output = replace(
+        module.model(to_input(batch.images), step_noise(0, 0, 6, 128)), posterior=Posterior(mean, 0 * mean)
+    )
+    module._remember({}, to_input(batch.images), output, batch.conditions)
+    module.trainer.optimizers = [torch.optim.SGD(module.parameters(), lr=1.0)]
+    means = module.epoch_means()
+    assert (means["active_place"], means["active_condition"]) == (0, 3 if conditional_prior else 32)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import re
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from everplace.data.augment import Augmentation
 from everplace.data.virtual_places import VirtualPlaces
-from everplace.errors import RouteError
+from everplace.errors import ConfigError, RouteError
 from everplace.training.config import TrainConfig
 from everplace.training.frames import FrameBlock, SplitRoute
-from everplace.training.pairs import PairedFrames, PairOrder, make_frames, make_order
+from everplace.training.pairs import PairedFrames, PairOrder, make_frames, make_order, require_shares
 
 NONE = Augmentation()
 
@@ -128,3 +131,54 @@ def test_one_traverse_makes_no_pairs(remedy: str) -> None:
     config = TrainConfig.build(model="cp-vae", epochs=1, remedies={remedy: 1.0})
     with pytest.raises(RouteError, match=f"remedies.{remedy} needs two traverses of the same places, and there is one"):
         make_order(split_of(1, 10), config, 0)
+
+
+OTHER_PLACE = {"swap": 1.0, "swap_z_c": "other_place"}
+
+
+@pytest.mark.parametrize(
+    ("remedies", "batch_size", "devices", "message"),
+    [
+        ({}, 8, 5, "a batch of 8 frames is too small for 5 devices, which need two each; raise batch_size"),
+        (
+            {"swap": 1.0}, 9, 4,
+            "a batch of 3 pairs of frames (batch_size = 9) is too small for 4 devices with remedies.swap, which needs "
+            "1 pair on each; add frames or give fewer --devices",
+        ),
+        (
+            {"swap": 1.0}, 4, 3,
+            "a batch of 2 pairs of frames (batch_size = 4) is too small for 3 devices with remedies.swap, which needs "
+            "1 pair on each; set batch_size to 6 or more or give fewer --devices",
+        ),
+        (
+            {"contrastive": 1.0}, 3, 1,
+            "a batch of 1 pair of frames (batch_size = 3) is too small for 1 device with remedies.contrastive, which "
+            "needs 2 pairs on each; set batch_size to 4 or more",
+        ),
+        ({"contrastive": 1.0, "swap": 1.0}, 6, 2, "with remedies.contrastive, which needs 2 pairs on each"),
+        (OTHER_PLACE, 2, 1, 'with remedies.swap_z_c = "other_place", which needs 2 pairs on each'),
+    ],
+)  # fmt: skip
+def test_a_device_without_enough_frames_or_pairs_is_refused_by_the_remedy_that_needs_them(
+    remedies: dict[str, Any], batch_size: int, devices: int, message: str
+) -> None:
+    config = TrainConfig.build(model="cp-vae", epochs=1, batch_size=batch_size, remedies=remedies)
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        require_shares(split_of(3, 3), config, devices)
+
+
+@pytest.mark.parametrize(
+    ("remedies", "batch_size", "devices", "least"),
+    [({}, 9, 4, 2), ({"swap": 1.0}, 6, 3, 1), ({"swap": 1.0}, 2, 1, 1), ({"contrastive": 1.0}, 5, 1, 2),
+     (OTHER_PLACE, 8, 2, 2)],
+)  # fmt: skip
+def test_what_is_not_refused_gives_each_device_what_it_needs(
+    remedies: dict[str, Any], batch_size: int, devices: int, least: int
+) -> None:
+    split = split_of(3, 4)
+    config = TrainConfig.build(model="cp-vae", epochs=1, batch_size=batch_size, remedies=remedies)
+    require_shares(split, config, devices)
+    for rank in range(devices):
+        order = make_order(split, config, 0)
+        order.share(rank, devices)
+        assert min(len(positions) for _, positions in order) >= least

@@ -20,6 +20,7 @@ CONFIG = ModelConfig(
     kind="cp-vae", height=32, width=32, channels=1, conditions=("a", "b"), places=3, fully_connected=False
 )
 CONDITIONS, PLACES = torch.tensor([0, 1, 1, 0, 0, 1]), torch.tensor([0, 0, 1, 1, 2, 2])
+LABELS = (CONDITIONS, PLACES)
 IMAGES = torch.rand(6, 1, 32, 32, generator=torch.Generator().manual_seed(2))
 WEIGHTS = Weights(image=0.5, condition=3.0, place=7.0, beta_place=0.25, beta_condition=2.0)
 
@@ -40,8 +41,8 @@ def measured(
         torch.manual_seed(1)
         added = RemedyTerms(CONFIG, Remedies(**remedies))
     log_sigma = optimal_log_sigma(IMAGES, output.reconstruction)
-    terms = bound_terms(model, IMAGES, output, log_sigma, (CONDITIONS, PLACES), WEIGHTS)
-    return added, terms | added(model, IMAGES, output, log_sigma, CONDITIONS, progress), model, output
+    terms = bound_terms(model, IMAGES, output, log_sigma, LABELS, WEIGHTS)
+    return added, terms | added(model, IMAGES, output, log_sigma, LABELS, progress), model, output
 
 
 def test_without_remedies_the_objective_is_the_bound_and_nothing_is_drawn_or_learned() -> None:
@@ -50,8 +51,8 @@ def test_without_remedies_the_objective_is_the_bound_and_nothing_is_drawn_or_lea
     assert torch.equal(torch.random.get_rng_state(), state)
     assert not added.state_dict()
     model, output = made()
-    assert added(model, IMAGES, output, torch.tensor(-1.0), CONDITIONS, 0.5) == {}
-    terms = bound_terms(model, IMAGES, output, torch.tensor(-1.0), (CONDITIONS, PLACES), WEIGHTS)
+    assert added(model, IMAGES, output, torch.tensor(-1.0), LABELS, 0.5) == {}
+    terms = bound_terms(model, IMAGES, output, torch.tensor(-1.0), LABELS, WEIGHTS)
     assert torch.equal(added.objective(terms, WEIGHTS), terms["bound"].mean())
 
 
@@ -94,17 +95,52 @@ def test_a_swap_decodes_the_z_p_of_the_other_frame_of_the_place(swap_z_c: str, d
     assert objective.item() == pytest.approx(terms["bound"].mean().item() + 0.3 * np.mean(expected), rel=1e-5)
 
 
-def test_a_frame_alone_in_its_condition_keeps_its_z_c() -> None:
+@pytest.mark.parametrize(
+    ("conditions", "places", "donors"),
+    [
+        # Two traverses share a condition: the next frame of the condition may be the other one of the place.
+        ((0, 0, 0, 1, 1, 0), (0, 0, 1, 1, 2, 2), {0: 2, 1: 2, 2: 5, 3: 4, 4: 3, 5: 0}),
+        # Two pairs of one place.
+        ((0, 1, 0, 1, 1, 0), (0, 0, 0, 0, 1, 1), {0: 5, 1: 4, 2: 5, 3: 4, 4: 1, 5: 0}),
+        # Alone in its condition, and in a condition that only its own place shows.
+        ((0, 1, 1, 1, 1, 1), (0, 0, 1, 1, 2, 2), {1: 2, 2: 4, 3: 4, 4: 1, 5: 1}),
+        ((0, 0, 1, 1, 2, 1), (0, 0, 1, 1, 2, 2), {2: 5, 3: 5, 5: 2}),
+        ((0, 0, 1, 1, 2, 3), (0, 0, 1, 1, 2, 2), {}),
+    ],
+)
+def test_z_c_of_another_place_is_of_another_place_in_the_condition_or_the_frame_is_left_out(
+    conditions: tuple[int, ...], places: tuple[int, ...], donors: dict[int, int]
+) -> None:
     model, output = made()
-    conditions = torch.tensor([0, 1, 1, 1, 1, 1])
-    swaps = [
-        RemedyTerms(CONFIG, Remedies(swap=1.0, swap_z_c=whose))(
-            model, IMAGES, output, torch.tensor(-1.0), conditions, 0.5
-        )["swap"]
-        for whose in ("same_place", "other_place")
-    ]
-    equal = torch.isclose(swaps[0], swaps[1], rtol=1e-6)
-    assert equal.tolist() == [True, False, False, False, False, False]
+    added = RemedyTerms(CONFIG, Remedies(swap=1.0, swap_z_c="other_place"))
+    labels = (torch.tensor(conditions), torch.tensor(places))
+    found = added(model, IMAGES, output, torch.tensor(-1.0), labels, 0.5)["swap"]
+    expected = [0.0]
+    if donors:
+        other = [1, 0, 3, 2, 5, 4]
+        z = torch.stack([torch.cat([output.z[other[frame], :96], output.z[z_c, 96:]]) for frame, z_c in donors.items()])
+        error = (model.decoder(z) - IMAGES[list(donors)]).square().flatten(1)
+        expected = (-0.5 * error * math.exp(2.0) + 1.0 - 0.5 * math.log(2 * math.pi)).sum(1).tolist()
+    np.testing.assert_allclose(found.detach().numpy(), expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("swap_z_c", ["same_place", "other_place"])
+def test_a_swap_is_normalised_by_its_batch_and_leaves_the_running_statistics_alone(swap_z_c: Any) -> None:
+    model, output = made()
+    model.decoder.train()
+    before = {name: buffer.clone() for name, buffer in model.decoder.named_buffers()}
+    added = RemedyTerms(CONFIG, Remedies(swap=1.0, swap_z_c=swap_z_c))
+    swap = added(model, IMAGES, output, torch.tensor(-1.0), LABELS, 0.5)["swap"]
+    after = dict(model.decoder.named_buffers())
+    assert all(torch.equal(before[name], after[name]) for name in before)
+    # By the statistics of the batch, as a decoder in training mode is.
+    donors = [0, 1, 2, 3, 4, 5] if swap_z_c == "same_place" else [3, 2, 5, 4, 0, 1]
+    swapped = model.decoder(torch.cat([output.z[[1, 0, 3, 2, 5, 4], :96], output.z[donors, 96:]], dim=1))
+    error = (swapped - IMAGES).square().flatten(1)
+    expected = (-0.5 * error * math.exp(2.0) + 1.0 - 0.5 * math.log(2 * math.pi)).sum(1)
+    torch.testing.assert_close(swap, expected)
+    # What follows is counted again.
+    assert any(not torch.equal(before[name], after[name]) for name in before)
 
 
 def test_a_swap_does_not_reward_a_worse_reconstruction() -> None:
@@ -123,7 +159,7 @@ def test_a_conditional_prior_takes_the_place_of_the_standard_one() -> None:
         for parameter in added.conditional_prior.parameters():
             parameter.copy_(torch.randn(2, 32, generator=generator))
     model, _ = made()
-    terms |= added(model, IMAGES, output, torch.tensor(-1.0), CONDITIONS, 0.5)
+    terms |= added(model, IMAGES, output, torch.tensor(-1.0), LABELS, 0.5)
     assert output.posterior.log_variance is not None
     prior = torch.distributions.Normal(
         added.conditional_prior.mean[CONDITIONS], (0.5 * added.conditional_prior.log_variance[CONDITIONS]).exp()
@@ -148,7 +184,7 @@ def test_free_bits_take_the_place_of_the_divergence_of_both_blocks(conditional_p
         with torch.no_grad():
             added.conditional_prior.mean.fill_(0.1)
         model, _ = made()
-        terms |= added(model, IMAGES, output, torch.tensor(-1.0), CONDITIONS, 0.5)
+        terms |= added(model, IMAGES, output, torch.tensor(-1.0), LABELS, 0.5)
     assert output.posterior.log_variance is not None
     centre = torch.cat([torch.zeros(96), torch.full((32,), 0.1 if conditional_prior else 0.0)])
     kl = torch.distributions.kl_divergence(

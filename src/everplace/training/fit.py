@@ -29,7 +29,7 @@ from everplace.training.callbacks import RunKeeper, TrainingDisplay
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch, EpochOrder, SplitRoute, TrainingFrames, fingerprint, split_route
 from everplace.training.module import BoundModule
-from everplace.training.pairs import make_frames, make_order
+from everplace.training.pairs import make_frames, make_order, require_shares
 from everplace.training.place_projection import fit_place_projection
 from everplace.training.remedies import RemedyTerms
 from everplace.training.run_directory import locked, prepare_run, require_same_images, require_usable
@@ -113,7 +113,8 @@ def train(
     split = split_route(chosen, config, progress)
     model_config = _model_config(split.conditions, split.places, config)
     frames = make_frames(split, config)
-    _require_devices(devices, nodes, min(config.batch_size, len(frames)))
+    _require_devices(devices)
+    require_shares(split, config, devices * nodes)
     images = fingerprint(split, progress)
     with locked(out):
         state = prepare_run(out, config, resume)
@@ -163,16 +164,10 @@ def _model_config(conditions: tuple[str, ...], places: int, config: TrainConfig)
         raise ConfigError(first["msg"].removeprefix("Value error, ")) from None
 
 
-def _require_devices(devices: int, nodes: int, batch: int) -> None:
+def _require_devices(devices: int) -> None:
     if torch.cuda.is_available() and devices > torch.cuda.device_count():
         raise ConfigError(
             f"--devices {devices} was asked for, but this machine has {torch.cuda.device_count()}; give at most that"
-        )
-    # Batch normalisation needs two frames wherever it runs.
-    if batch < 2 * devices * nodes:
-        raise ConfigError(
-            f"a batch of {batch} frames is too small for {devices * nodes} devices, which need two each; "
-            "raise batch_size, add frames or give fewer --devices"
         )
 
 

@@ -176,6 +176,11 @@ class EpochOrder(Sampler[tuple[int, NDArray[np.int64]]]):
         self._epoch = first_epoch
         self._rank, self._world = 0, 1
 
+    @property
+    def batch(self) -> int:
+        """Number of items in a batch, over all devices."""
+        return self._batch
+
     def share(self, rank: int, world: int) -> None:
         """Says which part of each batch this device takes."""
         self._rank, self._world = rank, world

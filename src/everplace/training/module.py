@@ -152,13 +152,14 @@ class BoundModule(lightning.LightningModule):
         output = self.model(images, noise[rank::world].to(self.device))
         log_sigma = optimal_log_sigma(images, output.reconstruction)
         weights = self._weights(batch_idx)
-        labels = (batch.conditions, self._place_target(batch))
-        terms = bound_terms(self.model, images, output, log_sigma, labels, weights)
-        terms |= self.remedies(self.model, images, output, log_sigma, batch.conditions, self.progress(batch_idx))
+        targets = (batch.conditions, self._place_target(batch))
+        terms = bound_terms(self.model, images, output, log_sigma, targets, weights)
+        labels = (batch.conditions, batch.places)
+        terms |= self.remedies(self.model, images, output, log_sigma, labels, self.progress(batch_idx))
         loss = -self.remedies.objective(terms, weights) / images[0].numel()
         if not torch.isfinite(loss):
             self.require_finite({**terms, "loss": loss})
-        self._remember(terms, images, output)
+        self._remember(terms, images, output, batch.conditions)
         self._follow_places(output, batch.places)
         return loss
 
@@ -193,13 +194,14 @@ class BoundModule(lightning.LightningModule):
         row["learning_rate"] = float(self.trainer.optimizers[0].param_groups[0]["lr"])
         return row
 
-    def _remember(self, terms: dict[str, Tensor], images: Tensor, output: Output) -> None:
+    def _remember(self, terms: dict[str, Tensor], images: Tensor, output: Output, conditions: Tensor) -> None:
         with torch.no_grad():
             for name, term in terms.items():
                 self._sums[name] = self._sums[name] + term.mean()
             self._sums["square"] = self._sums["square"] + (images - output.reconstruction).square().mean()
             if output.posterior.log_variance is not None:
-                self._sums["kl_dimensions"] = self._sums["kl_dimensions"] + output.posterior.kl().mean(0)
+                kl = torch.cat(self.remedies.kl(self.model.split, output.posterior, conditions), dim=1)
+                self._sums["kl_dimensions"] = self._sums["kl_dimensions"] + kl.mean(0)
         self._steps += 1
 
     def _follow_places(self, output: Output, places: Tensor) -> None:

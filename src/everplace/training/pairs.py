@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from everplace.data.augment import Augmentation, augment, augmentation_rng
 from everplace.data.virtual_places import VirtualPlaces, virtual_pairs
-from everplace.errors import RouteError
+from everplace.errors import ConfigError, RouteError
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch, EpochOrder, SplitRoute, TrainingFrames
+from everplace.training.sections import Remedies
 
-__all__ = ["PairOrder", "PairedFrames", "make_frames", "make_order"]
+__all__ = ["PairOrder", "PairedFrames", "make_frames", "make_order", "require_shares"]
 
 _NO_MOVE = {"shift": 0.0, "crop": 0.0}
 _NO_LIGHT = {"brightness": 0.0, "contrast": 0.0, "blur": 0.0}
@@ -101,3 +102,50 @@ def make_order(split: SplitRoute, config: TrainConfig, first_epoch: int) -> Epoc
         named = "contrastive" if config.remedies.contrastive else "swap"
         raise RouteError(f"remedies.{named} needs two traverses of the same places, and there is one; add another")
     return PairOrder(split.places, traverses, config.batch_size, config.seed, first_epoch=first_epoch)
+
+
+def require_shares(split: SplitRoute, config: TrainConfig, devices: int) -> None:
+    """Refuses batches of which a device would get too little to learn from.
+
+    Args:
+        split: The route.
+        config: Its batch size and remedies.
+        devices: On all machines together.
+
+    Raises:
+        ConfigError: A device would have fewer than two frames; or no pair, where the remedies need pairs; or one pair,
+            where they need two places. The message names the remedy.
+        RouteError: As `make_order`.
+    """
+    batch = make_order(split, config, 0).batch
+    if not config.remedies.need_pairs:
+        # Batch normalisation needs two frames wherever it runs.
+        if batch < 2 * devices:
+            raise ConfigError(
+                f"a batch of {batch} frames is too small for {devices} devices, which need two each; "
+                "raise batch_size, add frames or give fewer --devices"
+            )
+        return
+    remedy, needed = _pairs_needed(config.remedies)
+    enough = 2 * needed * devices
+    if batch < needed * devices:
+        way = f"set batch_size to {enough} or more" if config.batch_size < enough else "add frames"
+        fewer = " or give fewer --devices" if devices > 1 else ""
+        raise ConfigError(
+            f"a batch of {_counted(batch, 'pair')} of frames (batch_size = {config.batch_size}) is too small for "
+            f"{_counted(devices, 'device')} with {remedy}, which needs {_counted(needed, 'pair')} on each; {way}{fewer}"
+        )
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _pairs_needed(remedies: Remedies) -> tuple[str, int]:
+    """The remedy that needs most pairs on a device, and how many."""
+    # Both would be 0 without a second place.
+    if remedies.contrastive:
+        return "remedies.contrastive", 2
+    if remedies.swap_z_c == "other_place":
+        return 'remedies.swap_z_c = "other_place"', 2
+    return "remedies.swap", 1

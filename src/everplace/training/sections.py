@@ -47,8 +47,9 @@ class Remedies(Section):
         adversary: Weight of log p(c|z_p) of a classifier that is trained to tell the condition from the means of z_p,
             against the encoder (gradient reversal).
         swap: Weight of log p(x_b|z_p of a, z_c) for two frames a, b of a place.
-        swap_z_c: Whose z_c: `same_place`, that of b, which may hold all of b; `other_place`, that of another frame in
-            the condition of b, which can tell nothing of the place.
+        swap_z_c: Whose z_c: `same_place`, that of b, which may hold all of b; `other_place`, that of a frame of
+            another place in the condition of b, which can tell nothing of the place. A frame whose condition the batch
+            has of no other place is left out.
         conditional_prior: The divergence of z_c is taken from a learned Gaussian of its condition, p(z_c|c).
         free_bits: Divergence of each dimension of z, in nats, that costs nothing.
         virtual: Virtual places for the contrastive term; they have no class, so they need `weights.place = 0`.
