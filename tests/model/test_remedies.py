@@ -38,6 +38,16 @@ def test_against_probabilities_written_out_in_numpy() -> None:
     np.testing.assert_allclose(info_nce(first, second, 0.2).numpy(), expected, rtol=1e-5)
 
 
+def test_another_pair_of_the_same_place_is_no_wrong_answer() -> None:
+    first, second = drawn(2)
+    places = torch.tensor([7, 3, 7, 5, 9, 7])
+    found = info_nce(first, second, 0.2, places)
+    for pair, others in enumerate([[1, 3, 4], [0, 2, 3, 4, 5], [1, 3, 4], [0, 1, 2, 4, 5], [0, 1, 2, 3, 5], [1, 3, 4]]):
+        kept = [pair, *others]
+        torch.testing.assert_close(found[pair], info_nce(first[kept], second[kept], 0.2)[0])
+    torch.testing.assert_close(info_nce(first, second, 0.2, torch.arange(6)), info_nce(first, second, 0.2))
+
+
 @settings(deadline=None, max_examples=30)
 @given(seed=st.integers(0, 1000), scale=st.floats(0.1, 50.0), temperature=st.floats(0.05, 2.0))
 def test_at_most_nought_and_blind_to_length_and_to_which_frame_is_first(

@@ -14,7 +14,7 @@ from everplace.model.posterior import Posterior
 __all__ = ["ConditionAdversary", "ConditionalPrior", "free_bits", "info_nce", "reversal_strength", "reverse_gradient"]
 
 
-def info_nce(first: Tensor, second: Tensor, temperature: float) -> Tensor:
+def info_nce(first: Tensor, second: Tensor, temperature: float, places: Tensor | None = None) -> Tensor:
     """Contrastive place term between the conditions (InfoNCE, van den Oord et al. 2018; SimCLR's symmetric form).
 
     Each frame is to find the other frame of its place among those of all places in the batch, by the cosine of
@@ -24,14 +24,19 @@ def info_nce(first: Tensor, second: Tensor, temperature: float) -> Tensor:
         first: (P, D), z_p of one frame of each place.
         second: (P, D), z_p of another frame of each place.
         temperature: What the cosine is divided by.
+        places: (P,), which place each is; another pair of the same place is no wrong answer and does not take part.
+            None: all are different.
 
     Returns:
         (P,) in nats, at most 0: the mean of both directions.
     """
     cosine = functional.normalize(first, dim=1) @ functional.normalize(second, dim=1).T
-    places = torch.arange(len(first), device=first.device)
-    forth = functional.cross_entropy(cosine / temperature, places, reduction="none")
-    back = functional.cross_entropy(cosine.T / temperature, places, reduction="none")
+    own = torch.arange(len(first), device=first.device)
+    if places is not None:
+        doubled = (places[:, None] == places[None, :]) & (own[:, None] != own[None, :])
+        cosine = cosine.masked_fill(doubled, -torch.inf)
+    forth = functional.cross_entropy(cosine / temperature, own, reduction="none")
+    back = functional.cross_entropy(cosine.T / temperature, own, reduction="none")
     return -0.5 * (forth + back)
 
 

@@ -68,7 +68,7 @@ class RemedyTerms(nn.Module):
         terms: dict[str, Tensor] = {}
         if remedies.contrastive:
             z_p = split.z_p(posterior.mean)
-            terms["contrastive"] = info_nce(z_p[0::2], z_p[1::2], remedies.temperature)
+            terms["contrastive"] = info_nce(z_p[0::2], z_p[1::2], remedies.temperature, places[0::2])
         if self.adversary is not None:
             # As for the heads of the model, bfloat16 is too coarse for the logits.
             with torch.autocast(images.device.type, enabled=False):
