@@ -79,6 +79,7 @@ def values_of(describer: Describer, route: Path, batch: int) -> np.ndarray:
     return describe_traverse(describer, open_route(route)["winter"], batch=batch).values
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("batch", [1, 5, 12])
 def test_it_describes_as_the_run_does(
     exported: tuple[Path, Path, dict[str, Any]], tiny_route: Path, batch: int
@@ -106,6 +107,7 @@ def test_every_network_is_exported(
     assert np.abs(ours - theirs).max() <= 1e-4
 
 
+@pytest.mark.slow
 def test_a_run_of_oriented_gradients_is_exported(tmp_path: Path, tiny_route: Path) -> None:
     run = saved_run(tmp_path / "run", channels=3, oriented_gradients=True)
     export_onnx(run, tmp_path / "net.onnx")
@@ -116,6 +118,7 @@ def test_a_run_of_oriented_gradients_is_exported(tmp_path: Path, tiny_route: Pat
     assert np.abs(ours - theirs).max() <= 1e-4
 
 
+@pytest.mark.slow
 def test_the_pair_is_written_and_nothing_else(exported: tuple[Path, Path, dict[str, Any]]) -> None:
     _, network, said = exported
     assert sorted(path.name for path in network.parent.iterdir()) == ["net.onnx", "net.toml", "run"]
@@ -134,6 +137,7 @@ def test_a_toml_of_another_kind_is_not_replaced(tmp_path: Path) -> None:
     assert not (run / "config.onnx").exists()
 
 
+@pytest.mark.slow
 def test_a_network_that_describes_otherwise_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(export, "TOLERANCE", -1.0)
     run = saved_run(tmp_path / "run")

@@ -44,18 +44,19 @@ def test_what_cannot_be_told_is_new(scores: NDArray[np.float64]) -> None:
     assert new_in_frames(np.array([scores] * 3), 0.05).tolist() == [1.0, 1.0, 1.0]
 
 
-def along(smoothness: float, noise: float, frames_a_place: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Scores of a drive along 600 places whose looks change smoothly, and the place of each frame."""
+def along(
+    smoothness: float, frames_a_place: int = 1, *, noise: float = 1.5, places: int = 200
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Scores of a drive along places whose looks change smoothly, and the place of each frame."""
     rng = np.random.default_rng(2)
+    frames = places * frames_a_place
 
     def looks() -> NDArray[np.float64]:
-        values: NDArray[np.float64] = gaussian_filter1d(
-            rng.normal(size=(600 * frames_a_place, 64)), smoothness, axis=0, mode="wrap"
-        )
+        values: NDArray[np.float64] = gaussian_filter1d(rng.normal(size=(frames, 64)), smoothness, axis=0, mode="wrap")
         values /= values.std()
         return values
 
-    seen, place = looks(), np.arange(600 * frames_a_place) // frames_a_place
+    seen, place = looks(), np.arange(frames) // frames_a_place
     query, database = seen + noise * looks(), seen[frames_a_place // 2 :: frames_a_place]
     query /= np.linalg.norm(query, axis=1, keepdims=True)
     return query @ (database / np.linalg.norm(database, axis=1, keepdims=True)).T, place
@@ -68,19 +69,19 @@ def found(S: NDArray[np.float64], place: NDArray[np.int64], length: int, repeat:
 
 @pytest.mark.parametrize("smoothness", [1, 6, 25])
 def test_a_road_that_changes_slowly_is_no_stop(smoothness: float) -> None:
-    S, place = along(smoothness, 1.5, 1)
+    S, place = along(smoothness)
     repeat = RouteModel().repeat
     assert new_in_frames(S, repeat).min() > 0.9
     assert found(S, place, 10, repeat) == pytest.approx(found(S, place, 10, 1e-9), abs=0.005)
 
 
 def test_many_frames_of_each_place_do_not_freeze_the_filter() -> None:
-    S, place = along(60, 1.5, 10)
+    S, place = along(60, 10)
     assert found(S, place, 100, RouteModel().repeat) >= found(S, place, 100, 1e-9)
 
 
 def test_a_camera_that_stands_is_seen_in_spite_of_its_noise() -> None:
-    S, _ = along(3, 1.5, 1)
+    S, _ = along(3)
     noise = np.random.default_rng(3).normal(size=(200, S.shape[1]))
-    stop = S[300] + 0.01 * S[300].std() * noise
-    assert new_in_frames(np.vstack([S[:301], stop]), RouteModel().repeat)[301:].max() < 0.5
+    stop = S[100] + 0.01 * S[100].std() * noise
+    assert new_in_frames(np.vstack([S[:101], stop]), RouteModel().repeat)[101:].max() < 0.5
