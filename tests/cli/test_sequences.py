@@ -43,6 +43,7 @@ def test_the_method_is_named_where_it_is_on(tiny_route: Path, tmp_path: Path) ->
     assert "sequences of" not in page
 
 
+@pytest.mark.slow
 def test_a_comparison_names_it_too(tiny_route: Path, tmp_path: Path) -> None:
     how = ["--sequence", "3", "--sequence-method", "seqslam"]
     status, err = call("compare", tiny_route, "--methods", "hog", *how, "--out", tmp_path)

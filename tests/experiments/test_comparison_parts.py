@@ -53,6 +53,7 @@ def test_a_damaged_part_is_made_again(tiny_route: Path, tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.values, made.values)
 
 
+@pytest.mark.slow
 def test_a_finished_comparison_is_read_and_a_method_can_be_added(finished_copy: Path) -> None:
     out = finished_copy / "c"
     assert OPTIONS[:2] == ("--methods", "sad,hog")

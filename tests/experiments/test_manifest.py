@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
 from PIL import Image
 from tests.experiments.comparing import MEASURED, OPTIONS, compare, refused
 
@@ -54,6 +55,7 @@ def test_a_manifest_tells_the_images_of_the_chosen_frames(finished: Path) -> Non
     assert [one["sha256"] for one in other.document["traverses"]] != [one["sha256"] for one in traverses]
 
 
+@pytest.mark.slow
 def test_the_protocol_that_chose_the_frames_is_named_in_every_result(tiny_route: Path, tmp_path: Path) -> None:
     (tiny_route / "route.toml").write_text('protocol = "Somewhere, 12 frames, ±1"\ntolerance = 1\n', "utf-8")
     metrics = compare(tiny_route, tmp_path / "c", "--methods", "hog")

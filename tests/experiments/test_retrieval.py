@@ -193,6 +193,7 @@ def test_queries_of_some_places_look_in_the_whole_map(tiny_route: Path) -> None:
     np.testing.assert_array_equal(matches, banded([5, 6], [5, 6, 7, 8]))
 
 
+@pytest.mark.slow
 def test_a_comparison_and_an_evaluation_agree_on_the_whole_map(tiny_route: Path, tmp_path: Path) -> None:
     for place in set(range(12)) - {2, 5, 6, 9}:
         (tiny_route / "winter" / f"{place}.png").unlink()
@@ -222,6 +223,7 @@ def test_a_filter_acts_on_each_traverse_alone_where_stems_do_not_count(tiny_rout
     assert [traverse.stems for traverse in alone.traverses] == [("2", "3", "4"), ("2", "4", "5")]
 
 
+@pytest.mark.slow
 def test_the_audit_looks_at_shared_places_where_the_scores_do_not_need_them(tiny_route: Path, tmp_path: Path) -> None:
     (tiny_route / "winter" / "3.png").unlink()
     (tiny_route / "summer" / "0.png").unlink()

@@ -342,6 +342,7 @@ def test_the_last_good_checkpoint_outlives_a_run_that_diverges(
     assert all(torch.isfinite(value).all() for value in load_checkpoint(out).model.state_dict().values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "remedy"), [("cp-vae", "place"), pytest.param("vae", "image", marks=pytest.mark.slow)]
 )

@@ -134,6 +134,7 @@ else:  # a worker, which has not come to its initializer yet
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent in another way")
 def test_ctrl_c_while_workers_start_is_answered_once(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(STARTING)
