@@ -110,6 +110,7 @@ def test_a_model_is_fitted_on_the_other_places(tiny_route: Path, tmp_path: Path)
     assert (tmp_path / "out" / "runs" / "cp-vae" / "checkpoint.json").is_file()
 
 
+@pytest.mark.slow
 def test_the_words_of_fabmap_have_new_places_and_are_not_centred(tiny_route: Path, tmp_path: Path) -> None:
     route = open_route(tiny_route)
     with pytest.raises(ConfigError, match="too few for words = 1500"):  # 16 smooth frames of 32×64

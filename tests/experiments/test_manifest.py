@@ -30,6 +30,7 @@ def manifest_of(out: Path) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 def test_two_runs_have_equal_manifests_and_metrics(finished: Path, tmp_path: Path) -> None:
     metrics = compare(finished / "tiny", tmp_path / "again", *OPTIONS)
     assert without_measured(metrics) == without_measured(json.loads((finished / "c" / "metrics.json").read_text()))

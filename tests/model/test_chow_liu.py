@@ -83,6 +83,7 @@ def test_no_tree_carries_more_information(seed: int) -> None:
     assert sum(information[tuple(edge)] for edge in edges) == pytest.approx(best, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_edges_are_those_that_pgmpy_finds(seed: int) -> None:
     words = dependent_words(400, 9, seed)

@@ -50,6 +50,7 @@ def by_loops(image: NDArray[np.float32]) -> NDArray[np.float64]:
     return normalised
 
 
+@pytest.mark.slow
 def test_it_is_the_definition() -> None:
     image = picture(32, 64, seed=1)
     found = OrientedGradients(32, 64)(image)[0].numpy()

@@ -162,6 +162,7 @@ ADDED: dict[str, tuple[dict[str, Any], str, tuple[str, ...]]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("values", "remedy", "terms"),
     [

@@ -55,6 +55,7 @@ def test_the_layout_is_the_published_one() -> None:
     assert vgg19.WEIGHTS.url.endswith(f"-{vgg19.WEIGHTS.sha256[:8]}.pth")
 
 
+@pytest.mark.slow
 def test_pool4_is_the_fourth_pooling(tmp_path: Path, save_random_weights: SaveRandomWeights) -> None:
     path = tmp_path / "random.pth"
     weights = save_random_weights(path, {"features": vgg19.vgg19_features()})
