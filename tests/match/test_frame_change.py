@@ -38,7 +38,14 @@ def test_only_places_with_both_scores_count() -> None:
 
 
 @pytest.mark.parametrize(
-    "scores", [np.full(40, 0.1), np.full(40, 0.3), np.full(40, 1e9), np.full(40, np.nan), np.arange(10.0) ** 2]
+    "scores",
+    [
+        np.full(40, 0.1),
+        np.full(40, 0.3),
+        np.where(np.arange(40) % 2, 0.3, np.nextafter(0.3, 1)),  # equal but for rounding
+        np.full(40, np.nan),
+        np.arange(10.0) ** 2,
+    ],
 )
 def test_what_cannot_be_told_is_new(scores: NDArray[np.float64]) -> None:
     assert new_in_frames(np.array([scores] * 3), 0.05).tolist() == [1.0, 1.0, 1.0]
