@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from everplace.data.route import open_route
 from everplace.data.selection import Selection, parse_frames
+from everplace.data.traverse import Traverse
 from everplace.data.truth import truth_by_position
 from everplace.describe.descriptors import Descriptors
 from everplace.describe.pipeline import describe_traverse
@@ -27,6 +28,7 @@ from everplace.evaluate.scores import evaluate
 from everplace.experiments.drive import resample_drive
 from everplace.experiments.retrieval import choose_pair
 from everplace.files import write_text
+from everplace.match.frame_change import change_in_steps
 from everplace.match.route_filter import Answer, RouteFilter
 from everplace.match.route_model import RouteModel, likelihood_ratios
 from everplace.match.route_path import best_path, smooth_route
@@ -38,6 +40,25 @@ from everplace.match.standardise import Standardisation
 TOLERANCE = 1
 SURE = 0.9
 KNOWN = "motion known"
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """The second drive as it was recorded.
+
+    Attributes:
+        query: Descriptors of its M frames.
+        place: M: the place of the map that each shows, ascending.
+        moving: The first frame of every place.
+    """
+
+    query: Descriptors
+    place: NDArray[np.int64]
+
+    @property
+    def moving(self) -> NDArray[np.int64]:
+        return np.flatnonzero(np.diff(self.place, prepend=-1))
 
 
 @dataclass(frozen=True)
@@ -47,16 +68,19 @@ class Drive:
     Attributes:
         what: In the words of the table.
         options: Of `resample_drive`; None: the drive as recorded.
+        stands: Whether the recorded frames in which the train stands are among them; else they are left out.
         hole: Share of the places, in the middle, that the map lacks.
     """
 
     what: str
     options: dict[str, Any] | None = None
+    stands: bool = False
     hole: float = 0.0
 
 
 DRIVES = (
     Drive("as recorded"),
+    Drive("as recorded, standing too", stands=True),
     Drive("speeds 0.7 to 1.4, stops", {}),
     Drive("and stretches in reverse", {"reverse": 0.02}),
     Drive("and 4 kidnappings", {"reverse": 0.02, "jumps": 4}),
@@ -73,18 +97,25 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--lengths", type=int, nargs="+", default=[5, 10, 20], help="frames of a sequence")
     parser.add_argument("--seeds", type=int, default=5, help="drives that are averaged")
     given = parser.parse_args(arguments)
+    route = open_route(given.data / "nordland64")
     selection = Selection(parse_frames(given.frames), drop_dark=True, drop_stationary=True)
-    _, pair = choose_pair(open_route(given.data / "nordland64"), "winter", "summer", selection)
+    _, pair = choose_pair(route, "winter", "summer", selection)
+    _, lit = choose_pair(route, "winter", "summer", Selection(drop_dark=True))
+    whole, place = _with_stops(lit.query, pair.query)
     truth = truth_by_position(pair.query, pair.database, TOLERANCE)
     lines, metrics = [f"nordland64, winter against summer, --frames {given.frames}, ±{TOLERANCE} frames", ""], []
     for method in given.methods:
         describer = open_describer(method)
-        query, database = (describe_traverse(describer, traverse) for traverse in (pair.query, pair.database))
+        recorded = Recorded(describe_traverse(describer, whole), place)
+        database = describe_traverse(describer, pair.database)
         for how in (None, "centre"):
             print(method, how or "plain", file=sys.stderr)
-            rows = [_measure(query, database, truth, how, drive, given.lengths, given.seeds) for drive in DRIVES]
-            lines += _tables(f"{method}, {'centred' if how else 'plain'}", rows)
-            metrics.append({"method": method, "standardise": how, "frames": given.frames, "drives": rows})
+            changes = _changes(recorded, database, how)
+            rows = [_measure(recorded, database, truth, how, drive, given.lengths, given.seeds) for drive in DRIVES]
+            title = f"{method}, {'centred' if how else 'plain'}"
+            lines += [*_tables(title, rows), *_change_table(title, changes)]
+            measured = {"method": method, "standardise": how, "frames": given.frames}
+            metrics.append({**measured, "drives": rows, "change": changes})
     table = "\n".join(lines).rstrip() + "\n"
     write_text(given.out / "metrics.json", json.dumps(metrics, indent=1) + "\n")
     write_text(given.out / "table.md", table)
@@ -92,7 +123,7 @@ def main(arguments: list[str]) -> None:
 
 
 def _measure(
-    query: Descriptors,
+    recorded: Recorded,
     database: Descriptors,
     truth: NDArray[np.bool_],
     how: Standardisation | None,
@@ -102,14 +133,14 @@ def _measure(
 ) -> dict[str, Any]:
     scores: dict[str, list[tuple[float, float]]] = {}
     answers: dict[str, list[dict[str, float | None]]] = {}
-    for S, matches, chosen in _drives(query, database, truth, how, drive, seeds):
+    for S, matches, shown in _drives(recorded, database, truth, how, drive, seeds):
         scores.setdefault("one frame", []).append(_score(S, matches))
         for length in lengths:
             for search in SEQUENCE_METHODS[::-1]:
                 found = search_sequences(S, length, search)
                 scores.setdefault(f"{search}, {length} frames", []).append(_score(found, matches))
             if not drive.hole:
-                known = known_motion(S, chosen, length)
+                known = known_motion(S, shown, length)
                 scores.setdefault(f"{KNOWN}, {length} frames", []).append(_score(known, matches))
         for name, given in _answers(S).items():
             answers.setdefault(name, []).append(_honesty(given, matches))
@@ -121,43 +152,77 @@ def _measure(
 
 
 def _drives(
-    query: Descriptors,
+    recorded: Recorded,
     database: Descriptors,
     truth: NDArray[np.bool_],
     how: Standardisation | None,
     drive: Drive,
     seeds: int,
 ) -> Iterator[tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.int64]]]:
-    """Similarity and truth of one drive after the other, and which recorded frames it is made of."""
-    count = len(query)
+    """Similarity and truth of one drive after the other, and the place that each of its frames shows."""
+    count = len(database)
     gap = round(count * drive.hole)
-    mapped = np.delete(np.arange(len(database)), slice((count - gap) // 2, (count + gap) // 2))
+    mapped = np.delete(np.arange(count), slice((count - gap) // 2, (count + gap) // 2))
     for seed in range(seeds if drive.options is not None else 1):
-        chosen = np.arange(count) if drive.options is None else resample_drive(count, seed, **drive.options)
-        S = similarity(*compared(_rows(query, chosen), _rows(database, mapped), how))
-        yield S, truth[np.ix_(chosen, mapped)], chosen
+        frames = np.arange(len(recorded.place)) if drive.stands else recorded.moving
+        if drive.options is not None:
+            frames = frames[resample_drive(len(frames), seed, **drive.options)]
+        shown = recorded.place[frames]
+        S = similarity(*compared(_rows(recorded.query, frames), _rows(database, mapped), how))
+        yield S, truth[np.ix_(shown, mapped)], shown
 
 
-def known_motion(S: NDArray[Any], chosen: NDArray[np.int64], length: int) -> NDArray[np.float64]:
-    """What the evidence of the last L frames would give if the motion between them were known: no search can do more.
+def _changes(recorded: Recorded, database: Descriptors, how: Standardisation | None) -> dict[str, dict[str, float]]:
+    """Quantiles of `change_in_steps` since the last frame in which the train moved, while it moves and stands."""
+    S = similarity(*compared(recorded.query, database, how))
+    moving = recorded.moving
+    before = moving[np.searchsorted(moving, np.arange(1, len(S))) - 1]
+    changes = np.array([change_in_steps(S[last], S[frame]) for frame, last in enumerate(before, start=1)])
+    moves = np.isin(np.arange(1, len(S)), moving)
+    parts = {"moves": changes[moves], "stands": changes[~moves]}
+    return {
+        name: {f"{q:.0%}": float(np.quantile(of, q).round(4)) for q in QUANTILES}
+        for name, of in parts.items()
+        if len(of)
+    }
+
+
+def _change_table(title: str, changes: dict[str, dict[str, float]]) -> list[str]:
+    lines = [f"**{title}**: change since the last frame in which the train moved, in steps of the map", ""]
+    lines += ["| the train | " + " | ".join(f"{q:.0%}" for q in QUANTILES) + " |", "|---" * (len(QUANTILES) + 1) + "|"]
+    lines += [f"| {name} | " + " | ".join(f"{v:.3f}" for v in of.values()) + " |" for name, of in changes.items()]
+    return [*lines, ""]
+
+
+def _with_stops(drive: Traverse, moving: Traverse) -> tuple[Traverse, NDArray[np.int64]]:
+    """The drive from the first to the last of the frames in which the train moves, and which of these each shows."""
+    first, last = (drive.stems.index(stem) for stem in (moving.stems[0], moving.stems[-1]))
+    whole, moves = drive[first : last + 1], frozenset(moving.stems)
+    return whole, np.cumsum([stem in moves for stem in whole.stems]) - 1
+
+
+def known_motion(S: NDArray[Any], shown: NDArray[np.int64], length: int) -> NDArray[np.float64]:
+    """What the filter's evidence of the last L frames would give if the motion between them were known.
+
+    No search that weighs each frame as the filter does can do more.
 
     Args:
         S: M×N scores; the second drive follows the first place by place.
-        chosen: M: the place that each frame was taken at.
-        length: L.
+        shown: M: the place that each frame was taken at.
+        length: L, not counting frames of the place of the frame before.
 
     Returns:
-        M×N: the sum of the filter's log-likelihood ratios over the distinct frames of each window, each at the place
+        M×N: the sum of the filter's log-likelihood ratios over the window, every place of it once, each at the place
         from which the known motion leads to place j; beyond the ends of the map a frame says the least it can.
     """
     evidence = np.log(likelihood_ratios(S, RouteModel()))
     out = np.zeros(S.shape)
     places = np.arange(S.shape[1])
+    moves = np.flatnonzero(np.diff(shown, prepend=-1))
     for row in range(len(S)):
-        window = slice(max(0, row - length + 1), row + 1)
-        distinct = np.unique(chosen[window], return_index=True)[1] + window.start
-        for frame in distinct:
-            origin = places - (chosen[row] - chosen[frame])
+        window = moves[moves <= row][-length:]
+        for frame in window[np.unique(shown[window], return_index=True)[1]]:
+            origin = places - (shown[row] - shown[frame])
             inside = (origin >= 0) & (origin < len(places))
             out[row] += np.where(inside, evidence[frame, origin.clip(0, len(places) - 1)], evidence[frame].min())
     return out

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import pairwise, product
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -63,17 +63,17 @@ def anywhere(model: RouteModel, places: int) -> NDArray[np.float64]:
     return np.repeat([model.forward, 1 - model.forward], places) / places
 
 
-def news(model: RouteModel, S: NDArray[Any]) -> NDArray[np.float64]:
-    """M shares of what is new in each frame, for scores without gaps and constant rows."""
-    found = [1.0]
-    for before, after in pairwise(S):
-        if len(before) < 3:  # neighbours have no correlation
-            found.append(1.0)
-            continue
-        step = 1 - np.mean([np.corrcoef(row[:-1], row[1:])[0, 1] for row in (before, after)])
-        change = 1 - np.corrcoef(before, after)[0, 1]
-        found.append(min(1.0, max(0.0, change / (model.repeat * step))) if step > 0 else 1.0)
-    return np.array(found)
+def shown(model: RouteModel, S: NDArray[Any]) -> NDArray[np.int64]:
+    """M: the frame that each frame shows, itself or an earlier one; for scores without gaps and constant rows."""
+    frames = [0]
+    for frame in range(1, len(S)):
+        before, after = S[frames[-1]], S[frame]
+        same = False
+        if S.shape[1] >= 3:  # neighbours have a correlation
+            step = 1 - np.mean([np.corrcoef(row[:-1], row[1:])[0, 1] for row in (before, after)])
+            same = step > 0 and 1 - np.corrcoef(before, after)[0, 1] < model.repeat * step
+        frames.append(frames[-1] if same else frame)
+    return np.array(frames)
 
 
 def likelihoods(model: RouteModel, S: NDArray[Any]) -> NDArray[np.float64]:
@@ -88,22 +88,22 @@ def beginning(model: RouteModel, places: int) -> NDArray[np.float64]:
 
 def forward(model: RouteModel, S: NDArray[Any]) -> NDArray[np.float64]:
     """M×(2N+1): P(state i | frames 0 .. i)."""
-    T, seen = transitions(model, S.shape[1]), likelihoods(model, S)
+    T, seen, shows = transitions(model, S.shape[1]), likelihoods(model, S), shown(model, S)
     rows = [beginning(model, S.shape[1]) * seen[0]]
-    for ratios, new in zip(seen[1:], news(model, S)[1:], strict=True):
-        rows.append((new * rows[-1] @ T + (1 - new) * rows[-1]) * ratios**new)
+    for frame in range(1, len(S)):
+        rows.append(rows[-1] @ T * seen[frame] if shows[frame] == frame else rows[-1])
     return np.array([row / row.sum() for row in rows])
 
 
 def every_path(model: RouteModel, S: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """All (2N+1)^M paths and their probabilities with the frames."""
+    """All possible paths through 2N+1 states and their probabilities with the frames."""
     T, seen, start = transitions(model, S.shape[1]), likelihoods(model, S), beginning(model, S.shape[1])
     paths = np.array(list(product(range(2 * S.shape[1] + 1), repeat=len(S))))
-    new = news(model, S)
+    shows = shown(model, S)
     p = start[paths[:, 0]] * seen[0, paths[:, 0]]
     for frame in range(1, len(S)):
-        steps = new[frame] * T + (1 - new[frame]) * np.eye(len(T))
-        p = p * steps[paths[:, frame - 1], paths[:, frame]] * seen[frame, paths[:, frame]] ** new[frame]
+        before, now = paths[:, frame - 1], paths[:, frame]
+        p = p * (T[before, now] * seen[frame, now] if shows[frame] == frame else before == now)
     return paths, p
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.match.hidden_markov import MODELS, correlations_of_few_places, drive, forward
+from tests.match.hidden_markov import MODELS, correlations_of_few_places, drive, forward, shown
 
 from everplace.errors import ConfigError, DescriptorsError
 from everplace.match import route_filter
@@ -51,8 +51,10 @@ def test_a_window_is_a_filter_that_starts_with_it(
     S = np.random.default_rng(seed).normal(size=(frames, places))
     with correlations_of_few_places():
         odds = filter_windows(S, length, model)
+        shows = shown(model, S)
     for row in range(frames):
-        states = forward(model, S[max(0, row - length + 1) : row + 1])[-1]
+        views = np.unique(shows[: row + 1])[-length:]
+        states = forward(model, S[views])[-1]
         p = states[:places] + states[places:-1]
         np.testing.assert_allclose(odds[row], np.log(p / (1 - p)), rtol=1e-4, atol=1e-5)
 
@@ -100,14 +102,18 @@ def test_a_drive_is_followed(name: str) -> None:
     assert not answers[-1].lost
 
 
-def test_a_frame_seen_again_says_nothing_and_moves_nothing() -> None:
-    S = drive([*range(10, 20)], PLACES)
-    online = RouteFilter(PLACES)
-    moving = [online.update(scores) for scores in S]
-    standing = [online.update(S[-1] * 2 + 1) for _ in range(50)]
-    assert all(astuple(answer) == pytest.approx(astuple(moving[-1])) for answer in standing)
-    stopped = np.concatenate([S, np.repeat(S[-1:], 8, axis=0)])
-    np.testing.assert_allclose(filter_windows(stopped, 18)[-1], filter_windows(S, 10)[-1], rtol=1e-3)
+@given(st.lists(st.integers(1, 12), min_size=8, max_size=8), st.integers(1, 9), st.integers(0, 99))
+def test_a_frame_seen_again_is_no_frame(stops: list[int], length: int, seed: int) -> None:
+    S = drive([*range(10, 18)], PLACES, seed=seed)
+    scale, shift = np.random.default_rng(seed).uniform(0.5, 2, (2, sum(stops), 1))
+    stopped = S.repeat(stops, axis=0) * scale + shift
+    np.testing.assert_allclose(
+        filter_windows(stopped, length), filter_windows(S, length).repeat(stops, axis=0), rtol=1e-3, atol=1e-4
+    )
+    moving, standing = RouteFilter(PLACES), RouteFilter(PLACES)
+    expected = [answer for scores, n in zip(S, stops, strict=True) for answer in [moving.update(scores)] * n]
+    for scores, answer in zip(stopped, expected, strict=True):
+        assert astuple(standing.update(scores)) == pytest.approx(astuple(answer))
 
 
 def test_frames_that_are_nowhere_are_off_the_map() -> None:

@@ -1,7 +1,7 @@
 """Where on the route the robot is, from the frames so far: the forward recursion of `RouteModel`.
 
 `RouteFilter` takes one frame after the other and remembers all; `filter_windows` answers every frame of a traverse
-from the last L frames alone.
+from the last L frames alone. For both a frame that shows the last one again is none (`everplace.match.frame_change`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from everplace.data.images import usable_cores
 from everplace.errors import ConfigError, DescriptorsError
-from everplace.match.frame_change import new_in_frame, new_in_frames
+from everplace.match.frame_change import change_in_steps, new_frames
 from everplace.match.route_model import RouteModel, checked_scores, likelihood_ratios
 
 __all__ = ["Answer", "Belief", "RouteFilter", "answer", "filter_windows"]
@@ -71,22 +71,13 @@ class Belief:
         both: NDArray[np.float64] = self.on.sum(axis=1)
         return both
 
-    def move(self, model: RouteModel, exits: NDArray[np.float64], new: NDArray[np.float64]) -> None:
-        """Lets the time of one frame pass, as far as the frame is new: with probability 1 - w nothing moves.
+    def move(self, model: RouteModel, exits: NDArray[np.float64]) -> None:
+        """Lets the time of one frame pass.
 
         Args:
             model: The motion.
             exits: `model.exits(N)`.
-            new: B: w of the next frame of each robot, in [0, 1], of `new_in_frame`.
         """
-        standing = np.flatnonzero(new < 1)
-        share, on, off = new[standing], self.on[standing], self.off[standing]
-        self._move(model, exits)
-        if len(standing):
-            self.on[standing] = on + share[:, None, None] * (self.on[standing] - on)
-            self.off[standing] = off + share * (self.off[standing] - off)
-
-    def _move(self, model: RouteModel, exits: NDArray[np.float64]) -> None:
         places = self.on.shape[-1]
         total = self.on.sum(axis=(1, 2))
         somewhere = model.jump * total + model.enter * self.off
@@ -100,19 +91,15 @@ class Belief:
             self.on[:, 1, :-offset] += moved[:, 1, offset:]
         self.on += somewhere[:, None, None] * model.anywhere(places)
 
-    def see(self, ratios: NDArray[np.float64], new: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    def see(self, ratios: NDArray[np.float64]) -> NDArray[np.float64]:
         """Weighs the places by one frame each.
 
         Args:
             ratios: B×N, of `likelihood_ratios`.
-            new: B: what is new in it, as in `move`; None: all.
 
         Returns:
             B: the log-likelihood ratio of the frame, given those before, to a frame off the map.
         """
-        if new is not None and (new < 1).any():  # powers are slow
-            ratios = ratios.copy()
-            ratios[new < 1] **= new[new < 1, None]
         self.on *= ratios[:, None, :]
         total: NDArray[np.float64] = self.on.sum(axis=(1, 2)) + self.off
         self.on /= total[:, None, None]
@@ -164,12 +151,11 @@ class RouteFilter:
             raise DescriptorsError(
                 f"a frame of scores of shape {np.shape(scores)} does not fit a map of {places} places"
             )
-        new = None
-        if self._last is not None:
-            new = np.array([new_in_frame(self._last, scores, self.model.repeat)])
-            self._belief.move(self.model, self._exits, new)
-        self._last = np.array(scores, np.float64)
-        self._belief.see(likelihood_ratios(scores, self.model)[None], new)
+        if self._last is None or change_in_steps(self._last, scores) >= self.model.repeat:
+            if self._last is not None:
+                self._belief.move(self.model, self._exits)
+            self._belief.see(likelihood_ratios(scores, self.model)[None])
+            self._last = np.array(scores, np.float64)
         return answer(self.probabilities, self.reach)
 
     @property
@@ -189,8 +175,9 @@ def answer(probabilities: NDArray[np.float64], reach: int) -> Answer:
 def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None) -> NDArray[np.float32]:
     """Scores every place by the last L frames alone.
 
-    Each query has a filter of its own that knows nothing before frame i-L+1: fewer frames at the start. With L of
-    at least M it is `RouteFilter`.
+    Each query has a filter of its own that knows nothing before its L frames: fewer frames at the start. They are the
+    frames i-L+1 to i, unless the robot stood: frames that show the last one again (`RouteModel.repeat`) count as one
+    with it, so that the window holds L different views. With L of at least M it is `RouteFilter`.
 
     Args:
         S: M×N scores; rows and columns in the order of travel; NaN: none.
@@ -198,7 +185,7 @@ def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None
         model: The assumptions; None: the defaults.
 
     Returns:
-        M×N: log-odds log(p / (1 - p)) of p = P(the robot is at place j | frames i-L+1 to i), finite.
+        M×N: log-odds log(p / (1 - p)) of p = P(the robot is at place j | the last L frames), finite.
 
     Raises:
         ConfigError: `length` is below 1.
@@ -208,18 +195,22 @@ def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None
         raise ConfigError(f"--sequence {length} is not possible; give a number of frames of at least 1")
     S = checked_scores(S)
     known = RouteModel() if model is None else model
-    length = min(length, len(S))
+    new = new_frames(S, known.repeat)
+    stands = np.diff(np.append(new, len(S)))  # how many frames show what each new one does
+    length = min(length, len(new))
     out = np.empty(S.shape, np.float32)
-    exits, new = known.exits(S.shape[1]), new_in_frames(S, known.repeat)
+    exits = known.exits(S.shape[1])
     size = max(1, _BLOCK // S.shape[1])
 
     def fill(start: int) -> None:
-        rows = slice(start, min(start + size, len(S)))
-        belief = _last_frames(S, new, rows, length, known, exits)
-        out[rows] = log_odds(belief)
+        rows = slice(start, min(start + size, len(new)))
+        first = max(start - length + 1, 0)
+        ratios = likelihood_ratios(S[new[first : rows.stop]], known)
+        odds = log_odds(_last_frames(ratios, start - first, length, known, exits))
+        out[new[start] : new[rows.stop - 1] + stands[rows.stop - 1]] = odds.repeat(stands[rows], axis=0)
 
     with ThreadPoolExecutor(usable_cores(), "everplace-sequence") as pool:
-        for _ in pool.map(fill, range(0, len(S), size)):
+        for _ in pool.map(fill, range(0, len(new), size)):
             pass
     return out
 
@@ -236,24 +227,17 @@ def log_odds(belief: Belief) -> NDArray[np.float64]:
 
 
 def _last_frames(
-    S: NDArray[Any],
-    new: NDArray[np.float64],
-    rows: slice,
-    length: int,
-    model: RouteModel,
-    exits: NDArray[np.float64],
+    ratios: NDArray[np.float64], before: int, length: int, model: RouteModel, exits: NDArray[np.float64]
 ) -> Belief:
-    """The belief of every row from its last `length` frames."""
-    first = max(rows.start - length + 1, 0)
-    ratios = likelihood_ratios(S[first : rows.stop], model)
-    robots = rows.stop - rows.start
-    belief = Belief.start(model, robots, S.shape[1])
+    """The belief of every row after the first `before`, which only precede them, from its last `length` frames."""
+    robots, places = len(ratios) - before, ratios.shape[1]
+    belief = Belief.start(model, robots, places)
     for ago in range(length - 1, -1, -1):
-        frame = rows.start - ago  # of the first robot
+        frame = before - ago  # of the first robot
         begun = min(max(-frame, 0), robots)  # the robots before it have no frame so long ago
         moved = robots if ago == length - 1 else min(max(1 - frame, 0), robots)  # and those before it none before that
-        belief[begun:moved].see(ratios[frame + begun - first : frame + moved - first])
-        rest, share = belief[moved:], new[frame + moved : rows.stop - ago]
-        rest.move(model, exits, share)
-        rest.see(ratios[frame + moved - first : rows.stop - ago - first], share)
+        belief[begun:moved].see(ratios[frame + begun : frame + moved])
+        rest = belief[moved:]
+        rest.move(model, exits)
+        rest.see(ratios[frame + moved : len(ratios) - ago])
     return belief

@@ -26,8 +26,7 @@ class RouteModel:
     """What is assumed of a drive; probabilities are for one frame to the next.
 
     Attributes:
-        steps: Probability of moving by 0, 1, 2, ... places in the direction of travel, in a frame that is new; they
-            sum to 1.
+        steps: Probability of moving by 0, 1, 2, ... places in the direction of travel; they sum to 1.
         forward: Probability of driving in the order of the database where nothing is known of it.
         turn: Probability of turning round.
         jump: Probability of being somewhere else on the map, anywhere: a kidnapped robot, a gap in the recording.
@@ -37,9 +36,8 @@ class RouteModel:
         outlier: Share of frames whose scores say nothing about the true place: glare, a lorry, a wiper.
         doubt: Nats by which each frame counts against being on the map. Neighbouring frames look alike, so that along
             some path scores agree by chance more often than the model's independent frames would.
-        repeat: Share of the change that a step along the map brings, below which a frame is partly the last one again:
-            with what is new in it as w (`everplace.match.frame_change`), its ratios count to the power of w, and the
-            robot has moved with probability w.
+        repeat: Share of the change that a step along the map brings, below which a frame shows the last one again
+            (`everplace.match.frame_change`) and does not count.
     """
 
     steps: tuple[float, ...] = (0.08, 0.74, 0.18)

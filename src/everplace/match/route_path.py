@@ -12,13 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.match.frame_change import new_in_frames
+from everplace.match.frame_change import new_frames
 from everplace.match.route_filter import Answer, Belief, answer
 from everplace.match.route_model import RouteModel, checked_scores, likelihood_ratios
 
 __all__ = ["best_path", "smooth_route"]
-
-_LEAST = 1e-300  # stands for 0 where a logarithm is taken
 
 
 def smooth_route(S: NDArray[Any], model: RouteModel | None = None, *, reach: int = 1) -> list[Answer]:
@@ -37,27 +35,27 @@ def smooth_route(S: NDArray[Any], model: RouteModel | None = None, *, reach: int
     """
     S = checked_scores(S)
     model = RouteModel() if model is None else model
-    frames, places = S.shape
-    exits, new = model.exits(places), new_in_frames(S, model.repeat)
+    new, places = new_frames(S, model.repeat), S.shape[1]
+    frames, exits = len(new), model.exits(places)
     answers: list[Answer] = []
     first = Belief.start(model, 1, places)
     first.see(likelihood_ratios(S[:1], model))
     kept = [first]
     for start, end in pairwise(_segments(frames)):
-        kept.append(_forward(S[start + 1 : end + 1], new[start + 1 : end + 1], kept[-1], model, exits)[-1])
+        kept.append(_forward(S[new[start + 1 : end + 1]], kept[-1], model, exits)[-1])
     later_on, later_off = np.ones((2, places)), 1.0
     edges = _segments(frames)
     for index in range(len(edges) - 1, -1, -1):
         start, end = edges[index], edges[index + 1] if index + 1 < len(edges) else frames
-        beliefs = _forward(S[start + 1 : end], new[start + 1 : end], kept[index], model, exits)
+        beliefs = _forward(S[new[start + 1 : end]], kept[index], model, exits)
         for frame in range(end - 1, start - 1, -1):
             if frame + 1 < frames:
-                ratios = likelihood_ratios(S[frame + 1], model) ** new[frame + 1]
-                later_on, later_off = _look_back(ratios, new[frame + 1], later_on, later_off, model, exits)
+                ratios = likelihood_ratios(S[new[frame + 1]], model)
+                later_on, later_off = _look_back(ratios, later_on, later_off, model, exits)
             belief = beliefs[frame - start]
             on, off = belief.on[0] * later_on, float(belief.off[0]) * later_off
             answers.append(answer(on.sum(axis=0) / (on.sum() + off), reach))
-    return answers[::-1]
+    return [answers[frames - 1 - frame] for frame in _last_new(new, len(S))]
 
 
 def best_path(S: NDArray[Any], model: RouteModel | None = None) -> NDArray[np.int64]:
@@ -75,23 +73,28 @@ def best_path(S: NDArray[Any], model: RouteModel | None = None) -> NDArray[np.in
     """
     S = checked_scores(S)
     model = RouteModel() if model is None else model
-    frames, places = S.shape
-    new = new_in_frames(S, model.repeat)
+    new, places = new_frames(S, model.repeat), S.shape[1]
+    frames = len(new)
     on = np.broadcast_to(model.start * model.anywhere(places), (2, places))
     best = np.log(np.append(on, 1 - model.start)) + _log_ratios(S[0], model)
     edges = _segments(frames)
     kept = [best]
     for start, end in pairwise(edges):
-        kept.append(_best_steps(S[start + 1 : end + 1], new[start + 1 : end + 1], kept[-1], model)[0])
+        kept.append(_best_steps(S[new[start + 1 : end + 1]], kept[-1], model)[0])
     states = np.empty(frames, np.int64)
     for index in range(len(edges) - 1, -1, -1):
         start, end = edges[index], edges[index + 1] if index + 1 < len(edges) else frames - 1
-        best, came_from = _best_steps(S[start + 1 : end + 1], new[start + 1 : end + 1], kept[index], model)
+        best, came_from = _best_steps(S[new[start + 1 : end + 1]], kept[index], model)
         if end == frames - 1:
             states[end] = best.argmax()
         for frame in range(end, start, -1):
             states[frame - 1] = came_from[frame - start - 1, states[frame]]
-    return np.where(states == 2 * places, -1, states % places)
+    return np.where(states == 2 * places, -1, states % places)[_last_new(new, len(S))]
+
+
+def _last_new(new: NDArray[np.int64], frames: int) -> NDArray[np.int64]:
+    """For every frame of a traverse which of its new ones it shows."""
+    return np.arange(len(new)).repeat(np.diff(np.append(new, frames)))
 
 
 def _segments(frames: int) -> list[int]:
@@ -99,22 +102,19 @@ def _segments(frames: int) -> list[int]:
     return list(range(0, frames, max(1, int(np.sqrt(frames)))))
 
 
-def _forward(
-    S: NDArray[Any], new: NDArray[np.float64], belief: Belief, model: RouteModel, exits: NDArray[np.float64]
-) -> list[Belief]:
-    """The given belief and those after each of the frames, of which `new` is new."""
+def _forward(S: NDArray[Any], belief: Belief, model: RouteModel, exits: NDArray[np.float64]) -> list[Belief]:
+    """The given belief and those after each of the frames."""
     beliefs = [belief]
-    for scores, share in zip(S, new[:, None], strict=True):
+    for scores in S:
         belief = Belief(belief.on.copy(), belief.off.copy())
-        belief.move(model, exits, share)
-        belief.see(likelihood_ratios(scores, model)[None], share)
+        belief.move(model, exits)
+        belief.see(likelihood_ratios(scores, model)[None])
         beliefs.append(belief)
     return beliefs
 
 
 def _look_back(
     ratios: NDArray[np.float64],
-    new: float,
     later_on: NDArray[np.float64],
     later_off: float,
     model: RouteModel,
@@ -130,7 +130,6 @@ def _look_back(
         ahead[1, offset:] += probability * seen[1, :-offset]
     on = model.stay * model.turned(ahead) + model.jump * anywhere + exits * later_off
     off = model.enter * anywhere + (1 - model.enter) * later_off
-    on, off = seen + new * (on - seen), later_off + new * (off - later_off)
     largest = max(float(on.max()), off)
     return on / largest, off / largest
 
@@ -142,7 +141,7 @@ def _log_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.float64]:
 
 
 def _best_steps(
-    S: NDArray[Any], news: NDArray[np.float64], best: NDArray[np.float64], model: RouteModel
+    S: NDArray[Any], best: NDArray[np.float64], model: RouteModel
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Goes on from the log-probabilities of the best paths to 2N+1 states.
 
@@ -153,19 +152,19 @@ def _best_steps(
     nowhere = 2 * places
     exits, anywhere = model.exits(places).ravel(), model.anywhere(places).repeat(places)
     came_from = np.empty((len(S), nowhere + 1), np.int32)
-    for frame, (scores, new) in enumerate(zip(S, np.maximum(news, _LEAST), strict=True)):
-        jump, enter = new * model.jump, new * model.enter
+    for frame, scores in enumerate(S):
         origin = int(best[:-1].argmax())
-        begun, source_state = max((best[origin] + np.log(jump), origin), (best[-1] + np.log(enter), nowhere))
+        begun, source_state = max(
+            (best[origin] + np.log(model.jump), origin), (best[-1] + np.log(model.enter), nowhere)
+        )
         after = np.append(begun + np.log(anywhere), 0.0)
         source = np.full(nowhere + 1, source_state, np.int32)
         for to in (0, 1):
             for start in (0, 1):
                 direction = 1 - model.turn if start == to else model.turn
                 for offset, probability in enumerate(model.steps[:places]):
-                    # A step along the route can also have been a jump that ended there, or none at all.
-                    still = 1 - new if offset == 0 and start == to else 0.0
-                    step = new * model.stay * direction * probability + still + jump * anywhere[to * places]
+                    # A step along the route can also have been a jump that ended there.
+                    step = model.stay * direction * probability + model.jump * anywhere[to * places]
                     here, there = slice(0, places - offset), slice(offset, places)
                     target, begin = (there, here) if to == 0 else (here, there)
                     _keep_better(
@@ -174,10 +173,10 @@ def _best_steps(
                         best[start * places :][begin] + np.log(step),
                         start * places + begin.start,
                     )
-        leaving = best[:-1] + np.log(new * exits)
+        leaving = best[:-1] + np.log(exits)
         exit_from = int(leaving.argmax())
-        after[-1], source[-1] = max((leaving[exit_from], exit_from), (best[-1] + np.log(1 - enter), nowhere))
-        best = after + new * _log_ratios(scores, model)
+        after[-1], source[-1] = max((leaving[exit_from], exit_from), (best[-1] + np.log(1 - model.enter), nowhere))
+        best = after + _log_ratios(scores, model)
         best -= best.max()
         came_from[frame] = source
     return best, came_from
