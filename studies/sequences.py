@@ -174,11 +174,11 @@ def _drives(
 
 def _changes(recorded: Recorded, database: Descriptors, how: Standardisation | None) -> dict[str, dict[str, float]]:
     """Quantiles of `change_in_steps` since the last frame in which the train moved, while it moves and stands."""
-    S = similarity(*compared(recorded.query, database, how))
+    evidence = np.log(likelihood_ratios(similarity(*compared(recorded.query, database, how)), RouteModel()))
     moving = recorded.moving
-    before = moving[np.searchsorted(moving, np.arange(1, len(S))) - 1]
-    changes = np.array([change_in_steps(S[last], S[frame]) for frame, last in enumerate(before, start=1)])
-    moves = np.isin(np.arange(1, len(S)), moving)
+    before = moving[np.searchsorted(moving, np.arange(1, len(evidence))) - 1]
+    changes = np.array([change_in_steps(evidence[last], evidence[frame]) for frame, last in enumerate(before, start=1)])
+    moves = np.isin(np.arange(1, len(evidence)), moving)
     parts = {"moves": changes[moves], "stands": changes[~moves]}
     return {
         name: {f"{q:.0%}": float(np.quantile(of, q).round(4)) for q in QUANTILES}

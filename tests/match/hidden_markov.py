@@ -65,9 +65,9 @@ def anywhere(model: RouteModel, places: int) -> NDArray[np.float64]:
 
 def shown(model: RouteModel, S: NDArray[Any]) -> NDArray[np.int64]:
     """M: the frame that each frame shows, itself or an earlier one; for scores without gaps and constant rows."""
-    frames = [0]
+    evidence, frames = np.log(likelihood_ratios(S, model)), [0]
     for frame in range(1, len(S)):
-        before, after = S[frames[-1]], S[frame]
+        before, after = evidence[frames[-1]], evidence[frame]
         same = False
         if S.shape[1] >= 3:  # neighbours have a correlation
             step = 1 - np.mean([np.corrcoef(row[:-1], row[1:])[0, 1] for row in (before, after)])

@@ -12,7 +12,7 @@ from tests.match.hidden_markov import shown
 
 from everplace.match.frame_change import change_in_steps, new_frames
 from everplace.match.route_filter import filter_windows
-from everplace.match.route_model import RouteModel
+from everplace.match.route_model import RouteModel, likelihood_ratios
 
 
 @settings(max_examples=40, deadline=None)
@@ -22,19 +22,29 @@ def test_the_change_is_measured_by_that_of_a_step(frames: int, places: int, seed
     S = rng.normal(size=(frames, places))
     for frame in range(1, frames):  # some frames are nearly the last one again
         S[frame] = S[frame - 1] + rng.choice([0.0, 0.1, 1.0]) * S[frame]
-    assert new_frames(S, repeat).tolist() == np.unique(shown(RouteModel(repeat=repeat), S)).tolist()
+    model = RouteModel(repeat=repeat)
+    assert new_frames(S, model).tolist() == np.unique(shown(model, S)).tolist()
 
 
-def test_shift_and_scale_do_not_matter() -> None:
-    before, after = np.random.default_rng(0).random((2, 40))
-    assert change_in_steps(before, 3 * before - 7) == pytest.approx(0, abs=1e-9)
-    assert change_in_steps(5 * before + 2, 3 * after - 9) == pytest.approx(change_in_steps(before, after))
+def test_a_step_along_the_map_is_one_step() -> None:
+    S, _ = along(4, noise=0.0)
+    evidence = np.log(likelihood_ratios(S, RouteModel()))
+    steps = [change_in_steps(evidence[frame], evidence[frame + 1]) for frame in range(50, 150)]
+    assert np.median(steps) == pytest.approx(1, rel=0.1)
 
 
-def test_only_places_with_both_scores_count() -> None:
-    before, after = np.random.default_rng(1).random((2, 20))
-    gappy, other = np.append(before, [np.nan, 0.5, np.inf]), np.append(after, [np.inf, np.nan, np.nan])
-    assert change_in_steps(gappy, other) == pytest.approx(change_in_steps(before, after))
+def test_shift_and_scale_of_the_scores_do_not_matter() -> None:
+    S = np.random.default_rng(0).normal(size=(12, 40)).repeat([1, 3] * 6, axis=0)
+    scale, shift = np.random.default_rng(1).uniform(0.5, 2, (2, len(S), 1))
+    assert new_frames(S * scale + shift, RouteModel()).tolist() == [0, 1, 4, 5, 8, 9, 12, 13, 16, 17, 20, 21]
+
+
+def test_places_without_scores_say_nothing() -> None:
+    S = np.random.default_rng(2).normal(size=(3, 30)).repeat(2, axis=0)
+    S[:, [3, 20]] = np.nan
+    S[::2, 7], S[::2, 8] = np.inf, -np.inf
+    assert new_frames(S, RouteModel()).tolist() == [0, 1, 2, 3, 4, 5]
+    assert new_frames(np.delete(S, [7, 8], axis=1), RouteModel()).tolist() == [0, 2, 4]
 
 
 @pytest.mark.parametrize(
@@ -44,12 +54,11 @@ def test_only_places_with_both_scores_count() -> None:
         np.full(40, 0.3),
         np.where(np.arange(40) % 2, 0.3, np.nextafter(0.3, 1)),  # equal but for rounding
         np.full(40, np.nan),
-        np.arange(10.0) ** 2,
+        np.arange(9.0) ** 2,
     ],
 )
 def test_what_cannot_be_told_is_new(scores: NDArray[np.float64]) -> None:
-    assert change_in_steps(scores, scores) == np.inf
-    assert new_frames(np.array([scores] * 3), 0.05).tolist() == [0, 1, 2]
+    assert new_frames(np.array([scores] * 3), RouteModel()).tolist() == [0, 1, 2]
 
 
 def along(
@@ -79,7 +88,7 @@ def found(S: NDArray[np.float64], place: NDArray[np.int64], length: int, repeat:
 def test_a_road_that_changes_slowly_is_no_stop(smoothness: float) -> None:
     S, place = along(smoothness)
     repeat = RouteModel().repeat
-    assert len(new_frames(S, repeat)) > 0.97 * len(S)
+    assert len(new_frames(S, RouteModel())) > 0.97 * len(S)
     assert found(S, place, 10, repeat) == pytest.approx(found(S, place, 10, 1e-9), abs=0.005)
 
 
@@ -92,7 +101,7 @@ def test_a_camera_that_stands_is_seen_in_spite_of_its_noise() -> None:
     S, _ = along(3)
     noise = np.random.default_rng(3).normal(size=(200, S.shape[1]))
     stop = S[100] + 0.01 * S[100].std() * noise
-    new = new_frames(np.vstack([S[:101], stop, S[101:]]), RouteModel().repeat)
+    new = new_frames(np.vstack([S[:101], stop, S[101:]]), RouteModel())
     assert not ((new > 100) & (new <= 300)).any()
     assert new[-1] == 299 + len(S) - 100
 
@@ -101,6 +110,6 @@ def test_a_motion_too_slow_to_see_from_frame_to_frame_adds_up() -> None:
     S, _ = along(3)
     share = np.linspace(0, 1, 400)[:, None]
     slow = (1 - share) * S[100] + share * S[101]
-    new = new_frames(slow, RouteModel().repeat)
+    new = new_frames(slow, RouteModel())
     assert 3 < len(new) < 40
     assert np.diff(new).max() < 100

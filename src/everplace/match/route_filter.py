@@ -151,11 +151,13 @@ class RouteFilter:
             raise DescriptorsError(
                 f"a frame of scores of shape {np.shape(scores)} does not fit a map of {places} places"
             )
-        if self._last is None or change_in_steps(self._last, scores) >= self.model.repeat:
+        ratios = likelihood_ratios(scores, self.model)
+        evidence = np.log(ratios)
+        if self._last is None or change_in_steps(self._last, evidence) >= self.model.repeat:
             if self._last is not None:
                 self._belief.move(self.model, self._exits)
-            self._belief.see(likelihood_ratios(scores, self.model)[None])
-            self._last = np.array(scores, np.float64)
+            self._belief.see(ratios[None])
+            self._last = evidence
         return answer(self.probabilities, self.reach)
 
     @property
@@ -195,7 +197,7 @@ def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None
         raise ConfigError(f"--sequence {length} is not possible; give a number of frames of at least 1")
     S = checked_scores(S)
     known = RouteModel() if model is None else model
-    new = new_frames(S, known.repeat)
+    new = new_frames(S, known)
     stands = np.diff(np.append(new, len(S)))  # how many frames show what each new one does
     length = min(length, len(new))
     out = np.empty(S.shape, np.float32)

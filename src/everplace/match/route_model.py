@@ -36,8 +36,8 @@ class RouteModel:
         outlier: Share of frames whose scores say nothing about the true place: glare, a lorry, a wiper.
         doubt: Nats by which each frame counts against being on the map. Neighbouring frames look alike, so that along
             some path scores agree by chance more often than the model's independent frames would.
-        repeat: Share of the change that a step along the map brings, below which a frame shows the last one again
-            (`everplace.match.frame_change`) and does not count.
+        repeat: Share of the change that a step along the map brings, below which a frame shows the last one again and
+            does not count (`everplace.match.frame_change`).
     """
 
     steps: tuple[float, ...] = (0.08, 0.74, 0.18)
@@ -49,7 +49,7 @@ class RouteModel:
     separation: float = 2.5
     outlier: float = 0.2
     doubt: float = 0.5
-    repeat: float = 0.02
+    repeat: float = 0.03
 
     def __post_init__(self) -> None:
         """Refuses values that are no probabilities.

@@ -35,7 +35,7 @@ def smooth_route(S: NDArray[Any], model: RouteModel | None = None, *, reach: int
     """
     S = checked_scores(S)
     model = RouteModel() if model is None else model
-    new, places = new_frames(S, model.repeat), S.shape[1]
+    new, places = new_frames(S, model), S.shape[1]
     frames, exits = len(new), model.exits(places)
     answers: list[Answer] = []
     first = Belief.start(model, 1, places)
@@ -73,7 +73,7 @@ def best_path(S: NDArray[Any], model: RouteModel | None = None) -> NDArray[np.in
     """
     S = checked_scores(S)
     model = RouteModel() if model is None else model
-    new, places = new_frames(S, model.repeat), S.shape[1]
+    new, places = new_frames(S, model), S.shape[1]
     frames = len(new)
     on = np.broadcast_to(model.start * model.anywhere(places), (2, places))
     best = np.log(np.append(on, 1 - model.start)) + _log_ratios(S[0], model)
