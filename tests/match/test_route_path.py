@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -49,6 +51,17 @@ def test_a_drive_is_found_whole(name: str) -> None:
     smooth = np.array([answer.place for answer in smooth_route(S)])
     assert (np.abs(smooth - path) <= 1).mean() >= 0.9
     assert (np.abs(best_path(S) - path) <= 1).mean() >= 0.9
+
+
+@given(st.lists(st.integers(1, 6), min_size=12, max_size=12), st.integers(0, 99))
+def test_a_frame_seen_again_is_no_frame(stops: list[int], seed: int) -> None:
+    S = drive([*range(10, 22)], PLACES, seed=seed)
+    scale, shift = np.random.default_rng(seed).uniform(0.5, 2, (2, sum(stops), 1))
+    stopped = S.repeat(stops, axis=0) * scale + shift
+    np.testing.assert_array_equal(best_path(stopped), best_path(S).repeat(stops))
+    expected = [answer for answer, n in zip(smooth_route(S), stops, strict=True) for _ in range(n)]
+    for answer, other in zip(smooth_route(stopped), expected, strict=True):
+        assert astuple(answer) == pytest.approx(astuple(other))
 
 
 def test_the_last_frame_has_no_future() -> None:
