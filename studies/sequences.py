@@ -29,7 +29,7 @@ from everplace.experiments.drive import resample_drive
 from everplace.experiments.retrieval import choose_pair
 from everplace.files import write_text
 from everplace.match.frame_change import change_in_steps
-from everplace.match.route_filter import Answer, RouteFilter
+from everplace.match.route_filter import Answer, RouteFilter, filter_windows
 from everplace.match.route_model import RouteModel, likelihood_ratios
 from everplace.match.route_path import best_path, smooth_route
 from everplace.match.search import compared
@@ -131,7 +131,7 @@ def _measure(
     lengths: list[int],
     seeds: int,
 ) -> dict[str, Any]:
-    scores: dict[str, list[tuple[float, float]]] = {}
+    scores: dict[str, list[tuple[float, ...]]] = {}
     answers: dict[str, list[dict[str, float | None]]] = {}
     for S, matches, shown in _drives(recorded, database, truth, how, drive, seeds):
         scores.setdefault("one frame", []).append(_score(S, matches))
@@ -139,6 +139,11 @@ def _measure(
             for search in SEQUENCE_METHODS[::-1]:
                 found = search_sequences(S, length, search)
                 scores.setdefault(f"{search}, {length} frames", []).append(_score(found, matches))
+                if search == "filter":
+                    once = f"{search}, {length} frames, every place once"
+                    scores.setdefault(once, []).append((_by_place(found, matches, shown),))
+                    counted = f"{search}, {length} frames, standing ones among them"
+                    scores.setdefault(counted, []).append(_score(filter_last(S, length), matches))
             if not drive.hole:
                 known = known_motion(S, shown, length)
                 scores.setdefault(f"{KNOWN}, {length} frames", []).append(_score(known, matches))
@@ -226,6 +231,28 @@ def known_motion(S: NDArray[Any], shown: NDArray[np.int64], length: int) -> NDAr
             inside = (origin >= 0) & (origin < len(places))
             out[row] += np.where(inside, evidence[frame, origin.clip(0, len(places) - 1)], evidence[frame].min())
     return out
+
+
+def filter_last(S: NDArray[Any], length: int) -> NDArray[np.float32]:
+    """What the filter says of frames i-L+1 to i alone, frames in which the robot stands counted among the L.
+
+    Args:
+        S: M×N scores.
+        length: L.
+
+    Returns:
+        M×N log-odds.
+    """
+    windows = (S[max(0, row - length + 1) : row + 1] for row in range(len(S)))
+    return np.array([filter_windows(window, length)[-1] for window in windows])
+
+
+def _by_place(S: NDArray[Any], truth: NDArray[np.bool_], shown: NDArray[np.int64]) -> float:
+    """Recall@1 if all frames of a place together count as one, however long the robot was there."""
+    right = truth[np.arange(len(S)), S.argmax(axis=1)]
+    mapped = truth.any(axis=1)
+    frames, found = np.bincount(shown[mapped]), np.bincount(shown[mapped], right[mapped])
+    return float((found[frames > 0] / frames[frames > 0]).mean())
 
 
 def _rows(descriptors: Descriptors, rows: NDArray[np.int64]) -> Descriptors:

@@ -36,7 +36,7 @@ def test_the_method_is_named_where_it_is_on(tiny_route: Path, tmp_path: Path) ->
     metrics, page = evaluated(tiny_route, tmp_path / "default", "--sequence", "4")
     assert metrics["sequence"] == 4
     assert metrics["sequence_method"] == "filter"
-    assert "sequences of 4 (filter)" in page
+    assert "sequences of 4 (filter, stops not counted)" in page
     metrics, page = evaluated(tiny_route, tmp_path / "one")
     assert metrics["sequence"] == 1
     assert metrics["sequence_method"] is None

@@ -79,7 +79,7 @@ def test_standardisation_and_sequences_change_the_match(tiny_route: Path) -> Non
     alone = retrieve(open_describer("hog"), pair, truth, Matching("centre"))
     np.testing.assert_allclose(centred.similarity[0], alone.similarity[0])
     np.testing.assert_allclose(centred.similarity[2, 2], np.mean([alone.similarity[k, k] for k in range(3)]), rtol=1e-5)
-    assert str(Matching("centre", 3)) == "standardised (centre), sequences of 3 (filter)"
+    assert str(Matching("centre", 3)) == "standardised (centre), sequences of 3 (filter, stops not counted)"
 
 
 def test_descriptors_made_before_are_used_again(tiny_route: Path) -> None:

@@ -50,13 +50,20 @@ Standardise = Annotated[
     ),
 ]
 Sequence = Annotated[
-    int, typer.Option("--sequence", min=1, metavar="L", help="Score places by the last L frames, not by one.")
+    int,
+    typer.Option(
+        "--sequence",
+        min=1,
+        metavar="L",
+        help="Score places by the last L frames, not by one.",
+    ),
 ]
 SequenceSearch = Annotated[
     str,
     typer.Option(
         "--sequence-method",
         metavar="filter|seqslam|mean",
-        help="How --sequence does it: filter follows any motion, mean the map's own speed.",
+        help="How --sequence does it: filter follows any motion, and frames of a stop do not count among the L; "
+        "seqslam wants an even speed, mean the map's own.",
     ),
 ]

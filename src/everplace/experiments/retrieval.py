@@ -70,7 +70,9 @@ class Matching:
 
     def __str__(self) -> str:
         parts = [f"standardised ({self.standardise})"] if self.standardise else []
-        parts += [f"sequences of {self.sequence} ({self.sequence_method})"] if self.sequence > 1 else []
+        if self.sequence > 1:
+            counted = ", stops not counted" if self.sequence_method == "filter" else ""
+            parts.append(f"sequences of {self.sequence} ({self.sequence_method}{counted})")
         return ", ".join(parts) or "plain"
 
 
