@@ -20,8 +20,9 @@ from everplace.model.bounds import (
     soft_place_targets,
     vae_bound,
 )
-from everplace.model.config import MODEL_KINDS, ModelConfig, ModelKind
+from everplace.model.config import MODEL_KINDS, ModelConfig, ModelKind, PlaceTerm
 from everplace.model.images import to_input
+from everplace.model.place_head import PositionHead
 from everplace.model.posterior import Posterior
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch
@@ -34,10 +35,10 @@ MakeConfig = Callable[..., TrainConfig]
 PLACES = 5
 
 
-def small_model(kind: ModelKind) -> ConditionVAE:
+def small_model(kind: ModelKind, place_term: PlaceTerm = "classes") -> ConditionVAE:
     config = ModelConfig(
         kind=kind, height=32, width=32, channels=1, conditions=("a", "b") if kind != "vae" else (),
-        places=PLACES if kind == "cp-vae" else 0,
+        places=PLACES if kind == "cp-vae" else 0, place_term=place_term,
     )  # fmt: skip
     with torch.random.fork_rng():
         torch.manual_seed(0)
@@ -149,6 +150,17 @@ def test_softened_place_targets_are_used_when_asked_for(make_config: MakeConfig,
     target = soft_place_targets(batch.places, PLACES, spread) if spread else batch.places
     expected = -label_log_likelihood(output.place_logits, target).mean() / (32 * 32)
     torch.testing.assert_close(loss, expected)
+
+
+def test_the_position_takes_the_part_of_the_classes(make_config: MakeConfig) -> None:
+    model = small_model("cp-vae", place_term="position")
+    module = small_module(model, make_config(place_term="position"))
+    head = model.place_head
+    assert isinstance(head, PositionHead)
+    positions = head.positions.clone()
+    torch.autograd.backward(module.training_step(small_batch(), 0))
+    assert torch.equal(head.positions, positions)
+    assert all(parameter.grad is not None and parameter.grad.any() for parameter in head.parameters())
 
 
 def test_noise_depends_on_seed_and_step_alone() -> None:

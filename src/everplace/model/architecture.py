@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from everplace.model.config import ModelConfig
 from everplace.model.oriented_gradients import OrientedGradients
-from everplace.model.place_head import PlaceHead
+from everplace.model.place_head import PlaceHead, PositionHead
 from everplace.model.posterior import LatentSplit, Posterior
 
 __all__ = [
@@ -257,7 +257,8 @@ class ConditionVAE(nn.Module):
         self.condition_head = (
             nn.Linear(config.condition_dimensions, len(config.conditions)) if config.labelled else None
         )
-        self.place_head = PlaceHead(config.place_dimensions, config.places) if config.places else None
+        head = {"classes": PlaceHead, "position": PositionHead}[config.place_term]
+        self.place_head = head(config.place_dimensions, config.places) if config.places else None
         # The sigma that training reached; fixed wherever a bound is evaluated.
         self.register_buffer("log_sigma", torch.zeros(()))
 

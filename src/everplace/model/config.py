@@ -6,10 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-__all__ = ["MODEL_KINDS", "ModelConfig", "ModelKind"]
+__all__ = ["MODEL_KINDS", "ModelConfig", "ModelKind", "PlaceTerm"]
 
 ModelKind = Literal["vae", "c-vae", "cp-vae", "cae"]
 MODEL_KINDS: tuple[ModelKind, ...] = ("vae", "c-vae", "cp-vae", "cae")
+PlaceTerm = Literal["classes", "position"]
 _LABELLED: tuple[ModelKind, ...] = ("c-vae", "cp-vae")
 
 PositiveInt = Annotated[int, Field(gt=0)]
@@ -26,6 +27,7 @@ class ModelConfig(BaseModel):
         conditions: Names of the conditions, in the order of the condition head's classes.
         places: Number of training places, the classes of the place head (`cp-vae` only, else 0; 0 too where a
             contrastive term stands in for the classes).
+        place_term: What p(p|z_p) tells: the `classes`, or the `position` along the route.
         fully_connected: Table 1's chain of fully connected layers; without it z is read off the feature map.
         oriented_gradients: The mean of z_p is a linear projection of oriented gradients instead of the feature map
             (`cp-vae` only).
@@ -41,6 +43,7 @@ class ModelConfig(BaseModel):
     channels: Literal[1, 3] = 3
     conditions: tuple[str, ...] = ()
     places: Annotated[int, Field(ge=0)] = 0
+    place_term: PlaceTerm = "classes"
     fully_connected: bool = True
     oriented_gradients: bool = False
     place_dimensions: PositiveInt = 96

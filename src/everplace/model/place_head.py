@@ -1,4 +1,4 @@
-"""p(p|z_p): which training place a latent shows."""
+"""p(p|z_p): which training place a latent shows, told apart as classes or by the position along the route."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-__all__ = ["PlaceHead"]
+__all__ = ["PlaceHead", "PositionHead"]
 
 
 class PlaceHead(nn.Module):
@@ -51,3 +51,29 @@ class PlaceHead(nn.Module):
         mean = functional.normalize(sums, dim=1)
         moved = self.KEPT * self.places[seen] + (1.0 - self.KEPT) * mean
         self.places[seen] = functional.normalize(moved, dim=1)
+
+
+class PositionHead(nn.Module):
+    """p(p|z_p): the position along the route, regressed (the ablation of `PlaceHead`).
+
+    A linear function of z_p says where on the route a frame was taken, with Gaussian noise of one learned deviation.
+    The Gaussian is taken at the training places alone and normalised over them, so that the likelihood is that of a
+    label, as for `PlaceHead`, and both take part in the bound in the same way. Decided; the paper is silent.
+
+    Attributes:
+        positions: (places,), evenly from -1 to 1 along the route.
+        log_deviation: Logarithm of the noise's standard deviation.
+    """
+
+    positions: Tensor
+
+    def __init__(self, dimensions: int, places: int) -> None:
+        super().__init__()
+        self.register_buffer("positions", torch.linspace(-1.0, 1.0, places))
+        self.position = nn.Linear(dimensions, 1)
+        self.log_deviation = nn.Parameter(torch.tensor(0.0))
+
+    def forward(self, z_p: Tensor) -> Tensor:
+        """(B, D) to logits (B, K)."""
+        distance: Tensor = self.position(z_p) - self.positions
+        return -0.5 * (distance * torch.exp(-self.log_deviation)).square()

@@ -13,7 +13,7 @@ from everplace.data.augment import Augmentation
 from everplace.data.virtual_places import VirtualPlaces
 from everplace.errors import ConfigError
 from everplace.files import readable, write_text
-from everplace.model.config import ModelKind
+from everplace.model.config import ModelKind, PlaceTerm
 from everplace.training.recipes import recipe
 from everplace.training.sections import NonNegative, PlaceProjection, Positive, Remedies, Section, TermWeights
 
@@ -111,6 +111,8 @@ class TrainConfig(FitConfig):
         oriented_gradients: The mean of z_p is a linear projection of oriented gradients instead of the feature map
             (`cp-vae` only). The projection starts as the discriminant of the training places.
         projection: How that projection is fitted and trained.
+        place_term: What p(p|z_p) tells (`cp-vae` only): the training places as `classes`, or the `position` along the
+            route, regressed.
         place_spread: Standard deviation, in places, of the softened place target; 0: one class a frame.
         augmentation: How much training images are changed.
         held_out: Fraction of the training places, at their end, kept out of the gradient to choose the epoch.
@@ -135,6 +137,7 @@ class TrainConfig(FitConfig):
     fully_connected: bool = True
     oriented_gradients: bool = False
     projection: PlaceProjection = PlaceProjection()
+    place_term: PlaceTerm = "classes"
     place_spread: NonNegative = 0.0
     augmentation: Augmentation = Augmentation()
     held_out: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
@@ -174,6 +177,8 @@ class TrainConfig(FitConfig):
             raise ValueError("remedies.free_bits needs a KL divergence, which cae does not have; set it to 0")
         if self.oriented_gradients and self.model != "cp-vae":
             raise ValueError(f"oriented_gradients needs place labels, which {self.model} does not use; set it to false")
+        if self.place_term == "position" and self.model != "cp-vae":
+            raise ValueError(f"place_term needs place labels, which {self.model} does not use; set it to classes")
         if remedies.virtual != VirtualPlaces() and (self.weights.place or not remedies.contrastive):
             raise ValueError(
                 "remedies.virtual makes places without a class; set weights.place to 0 and remedies.contrastive above 0"

@@ -156,6 +156,7 @@ def _model_config(conditions: tuple[str, ...], places: int, config: TrainConfig)
             channels=1 if config.grey else 3,
             conditions=conditions if config.model in ("c-vae", "cp-vae") else (),
             places=places if config.has_place_classes else 0,
+            place_term=config.place_term,
             fully_connected=config.fully_connected,
             oriented_gradients=config.oriented_gradients,
         )

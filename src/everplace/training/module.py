@@ -17,6 +17,7 @@ from everplace.errors import DivergedError
 from everplace.model.architecture import ConditionVAE, Output
 from everplace.model.bounds import Weights, optimal_log_sigma, soft_clipped_log_sigma, soft_place_targets
 from everplace.model.images import to_input
+from everplace.model.place_head import PlaceHead
 from everplace.model.posterior import ACTIVE_ABOVE
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch
@@ -207,7 +208,7 @@ class BoundModule(lightning.LightningModule):
     def _follow_places(self, output: Output, places: Tensor) -> None:
         """Moves the place vectors; with several devices by the frames of all, so that the vectors stay the same."""
         head = self.model.place_head
-        if head is None:
+        if not isinstance(head, PlaceHead):
             return
         z_p = self.model.split.z_p(output.posterior.mean.detach())
         if self.trainer.world_size > 1:
