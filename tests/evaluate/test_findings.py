@@ -23,6 +23,7 @@ HEALTHY = Audit(
     places=300,
     frames=600,
     divided=True,
+    tolerance=1,
 )
 
 

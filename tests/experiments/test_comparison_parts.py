@@ -110,6 +110,7 @@ def test_an_audit_is_kept(tmp_path: Path) -> None:
         places=12,
         frames=24,
         divided=True,
+        tolerance=3,
     )
     part = Part(tmp_path, "vae", "0")
     part.save(result(audit))

@@ -108,6 +108,7 @@ class Audit:
         frames: Frames audited, in all traverses.
         divided: Whether the model's labels divide z; False: a plain VAE, for which the blocks are only its first 96
             and last 32 dimensions.
+        tolerance: Retrieval counts a match that is this many of the audited places away as right.
     """
 
     condition_from_z_p: Probe | None
@@ -121,6 +122,7 @@ class Audit:
     places: int
     frames: int
     divided: bool
+    tolerance: int
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -191,6 +193,7 @@ def audit(
         places=len(frames[0]),
         frames=sum(map(len, frames)),
         divided=model.config.labelled,
+        tolerance=tolerance,
     )
 
 

@@ -15,6 +15,7 @@ from everplace.describe.methods.vae import VAEDescriber
 from everplace.describe.protocol import Describer, FittedDescriber
 from everplace.describe.registry import open_describer
 from everplace.evaluate.audit import Audit, audit
+from everplace.experiments.ingredients import ingredient_metrics, named_ingredients
 from everplace.experiments.latent_report import audit_section, latent_section
 from everplace.experiments.pictures import match_figure, matrix_figure
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, choose_pair, retrieve, true_matches
@@ -64,6 +65,7 @@ class Evaluation:
         scores = self.result.scores.to_dict()
         return {
             "method": self.result.method,
+            **ingredient_metrics(self.describer.settings()),
             "query_condition": self.pair.query.name,
             "database_condition": self.pair.database.name,
             "protocol": self.route.protocol,
@@ -151,6 +153,9 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
         title, subtitle=f"{evaluation.route.title}, {evaluation.truth}, {evaluation.matching}", details=details
     )
     section = report.section("Scores")
+    named = named_ingredients(evaluation.describer.settings())
+    if named is not None:
+        section.paragraph(f"This run is not the paper's model alone: {named}.")
     if evaluation.trained_places:
         section.paragraph(
             f"{evaluation.trained_places} of these places carry the names of places that the model was trained on or "

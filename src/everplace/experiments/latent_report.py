@@ -33,9 +33,11 @@ _TITLE_WIDTH = 5.0
 
 def audit_section(section: Section, audits: dict[str, Audit]) -> None:
     """The leakage audit of one or more models: a table, then each part's picture with what it means."""
+    within = ", ".join(sorted({f"±{audit.tolerance}" for audit in audits.values()}))
     section.paragraph(
-        "Measured on the tested frames. Wanted: the condition cannot be predicted from z_p (chance) but "
-        "from z_c; retrieval works by z_p and not by z_c; the swap error is below both of its baselines."
+        f"Measured on the tested frames; retrieval counts a match within {within} places as right. Wanted: the "
+        "condition cannot be predicted from z_p (chance) but from z_c; retrieval works by z_p and not by z_c; the swap "
+        "error is below both of its baselines."
     )
     measures: dict[str, Callable[[Audit], float | str | None]] = {
         "condition from z_p, linear / MLP probe": lambda a: _probe(a.condition_from_z_p),

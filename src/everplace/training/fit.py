@@ -49,6 +49,8 @@ class TrainSummary:
     Attributes:
         run: The run directory.
         model: Kind of the model.
+        recipe: Name of the recipe.
+        remedies: What the run has that the paper's model has not.
         epochs: Complete epochs.
         seconds: Training time.
         frames: Frames in the gradient.
@@ -61,6 +63,8 @@ class TrainSummary:
 
     run: str
     model: str
+    recipe: str
+    remedies: tuple[str, ...]
     epochs: int
     seconds: float
     frames: int
@@ -133,8 +137,8 @@ def train(
             if trainer.is_global_zero:
                 save_state(out, end.model_copy(update={"finished": True}), None, None, images)
     return TrainSummary(
-        str(out), config.model, end.epoch, end.seconds, len(frames), split.places, split.conditions,
-        criterion_name(split, config), end.best_epoch, end.best_value,
+        str(out), config.model, config.recipe, tuple(config.remedies_in_use()), end.epoch, end.seconds, len(frames),
+        split.places, split.conditions, criterion_name(split, config), end.best_epoch, end.best_value,
     )  # fmt: skip
 
 
