@@ -28,7 +28,7 @@ from everplace.evaluate.scores import evaluate
 from everplace.experiments.drive import resample_drive
 from everplace.experiments.retrieval import choose_pair
 from everplace.files import write_text
-from everplace.match.frame_change import change_in_steps
+from everplace.match.frame_change import change_in_steps, new_frames
 from everplace.match.route_filter import Answer, RouteFilter, filter_windows
 from everplace.match.route_model import RouteModel, likelihood_ratios
 from everplace.match.route_path import best_path, smooth_route
@@ -243,8 +243,13 @@ def filter_last(S: NDArray[Any], length: int) -> NDArray[np.float32]:
     Returns:
         M×N log-odds.
     """
-    windows = (S[max(0, row - length + 1) : row + 1] for row in range(len(S)))
-    return np.array([filter_windows(window, length)[-1] for window in windows])
+    out = filter_windows(S, length)
+    new = new_frames(S, RouteModel())
+    for row in range(len(S)):
+        first = max(0, row - length + 1)
+        if new[new <= row][-length:][0] < first:  # else the last L views are these frames
+            out[row] = filter_windows(S[first : row + 1], length)[-1]
+    return out
 
 
 def _by_place(S: NDArray[Any], truth: NDArray[np.bool_], shown: NDArray[np.int64]) -> float:
