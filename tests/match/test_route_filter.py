@@ -102,6 +102,7 @@ def test_a_drive_is_followed(name: str) -> None:
     assert not answers[-1].lost
 
 
+@settings(max_examples=30, deadline=None)
 @given(st.lists(st.integers(1, 12), min_size=8, max_size=8), st.integers(1, 9), st.integers(0, 99))
 def test_a_frame_seen_again_is_no_frame(stops: list[int], length: int, seed: int) -> None:
     S = drive([*range(10, 18)], PLACES, seed=seed)

@@ -53,6 +53,7 @@ def test_a_drive_is_found_whole(name: str) -> None:
     assert (np.abs(best_path(S) - path) <= 1).mean() >= 0.9
 
 
+@settings(max_examples=30, deadline=None)
 @given(st.lists(st.integers(1, 6), min_size=12, max_size=12), st.integers(0, 99))
 def test_a_frame_seen_again_is_no_frame(stops: list[int], seed: int) -> None:
     S = drive([*range(10, 22)], PLACES, seed=seed)
