@@ -316,6 +316,26 @@ def test_every_mistake_gets_one_sentence(tiny_route: Path, tmp_path: Path, argum
     assert not list(tmp_path.rglob(".*"))
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["describe", "sad", "{route}/summer", "--out", "{fifo}"],
+        ["match", "none.h5", "none.h5", "--out", "{fifo}"],
+        ["show", "swap", "no-run", "{route}", "--out", "{fifo}"],
+        ["data", "inspect", "{route}", "--sheet", "{fifo}"],
+        ["export", "no-run", "--onnx", "{fifo}"],
+        ["evaluate", "{route}", "--method", "sad", "--database", "a", "--query", "b", "--out", "{fifo}"],
+    ],
+)
+def test_what_is_no_file_is_refused_before_any_work(tiny_route: Path, tmp_path: Path, arguments: list[str]) -> None:
+    fifo = tmp_path / ("x.onnx" if arguments[0] == "export" else "x.png")
+    os.mkfifo(fifo)
+    said = refused(*(argument.format(route=tiny_route, fifo=fifo) for argument in arguments))
+    assert f"{fifo} " in said
+    assert "a FIFO or a socket; name a file" in said or "cannot be a directory" in said
+    assert fifo.is_fifo()
+
+
 def test_an_unknown_key_of_a_config_is_named(tiny_route: Path, tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text("[weights]\nplaec = 3.0\n")
     said = refused("train", tiny_route, "--model", "cp-vae", "--config", tmp_path / "c.toml", "--out", tmp_path / "run")
