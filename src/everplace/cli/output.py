@@ -15,7 +15,16 @@ from everplace.errors import ConfigError
 from everplace.files import is_special, readable
 from everplace.progress import Progress
 
-__all__ = ["one_of", "provenance", "require_directory", "require_file", "show_progress", "show_result", "warn"]
+__all__ = [
+    "one_of",
+    "provenance",
+    "require_directory",
+    "require_file",
+    "require_one_length",
+    "show_progress",
+    "show_result",
+    "warn",
+]
 
 T = TypeVar("T")
 
@@ -86,6 +95,16 @@ def require_file(out: Path, endings: tuple[str, ...] = (), option: str = "--out"
     if endings and out.suffix.lower() not in endings:
         raise ConfigError(f"{option} {readable(out)} must end in {' or '.join(endings)}")
     require_directory(out.parent, option)
+
+
+def require_one_length(epochs: int | None, minutes: float | None) -> None:
+    """Refuses both options that say how long to train.
+
+    Raises:
+        ConfigError: Both are given.
+    """
+    if epochs is not None and minutes is not None:
+        raise ConfigError("--epochs and --minutes exclude each other; give one of them")
 
 
 def one_of(value: str | None, option: str, allowed: tuple[str, ...]) -> Any:
