@@ -7,6 +7,7 @@ import os
 import re
 import secrets
 import shutil
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from everplace.errors import ConfigError, StorageError
 
 __all__ = [
     "cache_directory",
+    "is_special",
     "readable",
     "require_free_directory",
     "whole_directory",
@@ -43,6 +45,15 @@ def cache_directory(name: str) -> Path:
     return (Path(chosen) if chosen else user_cache_path("everplace", appauthor=False)) / name
 
 
+def is_special(path: Path) -> bool:
+    """Whether a device, a FIFO or a socket is there, or a link to one: a rename would put a file in its place."""
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):  # nothing is there, or nothing that could be
+        return False
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+
+
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Gives a temporary sibling to write to; on success it replaces `path` by rename, else it is removed.
@@ -54,8 +65,11 @@ def whole_file(path: Path) -> Iterator[Path]:
         The temporary path to write to; it keeps the suffix of `path`, and does not exist yet.
 
     Raises:
+        ConfigError: `path` is a device, a FIFO or a socket.
         StorageError: The disk is full or the place cannot be written to; `path` is as it was before.
     """
+    if is_special(path):
+        raise ConfigError(f"{readable(path)} is a device, a FIFO or a socket; choose a file to write to")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = path.with_name(f".{path.stem}.{os.getpid()}-{secrets.token_hex(4)}.part{path.suffix}")

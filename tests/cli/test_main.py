@@ -27,6 +27,8 @@ COMMANDS = [
     "data import", "data list",
 ]  # fmt: skip
 
+EXCLUSIVE = "--epochs and --minutes exclude each other; give one of them"
+
 
 def run(*arguments: str | Path, limit_file_size: int | None = None) -> subprocess.CompletedProcess[str]:
     def limit() -> None:
@@ -260,7 +262,10 @@ def test_a_run_of_another_version_is_refused(way: Path, tmp_path: Path) -> None:
         (["train", "{route}", "--model", "vae", "--frames", "4-9", "--out", "{out}"], "4-9"),
         (["train", "{route}", "--model", "vae", "--conditions", "monsoon", "--out", "{out}"], "monsoon"),
         (["train", "{route}", "--model", "vae", "--recipe", "secret", "--out", "{out}"], "secret"),
-        (["train", "{route}", "--model", "vae", "--minutes", "1", "--epochs", "1", "--out", "{out}"], "minutes"),
+        (["train", "{route}", "--model", "vae", "--minutes", "1", "--epochs", "1", "--out", "{out}"], EXCLUSIVE),
+        (["compare", "{route}", "--methods", "hog", "--minutes", "1", "--epochs", "1", "--out", "{out}"], EXCLUSIVE),
+        (["data", "inspect", "{route}", "--sheet", "{out}.gif"], "--sheet {out}.gif must end in .png"),
+        (["data", "align", "{route}", "--by", "images", "--out", "{out}", "--picture", "{out}.gif"], "--picture {out}"),
         (["train", "{out}", "--model", "vae", "--out", "{out}"], "does not exist"),
         (["train", "{route}", "--model", "fabmap", "--epochs", "3", "--out", "{out}"], "--epochs does not apply"),
         (["compare", "{route}", "--methods", "fabmap", "--out", "{out}"], "--fit-frames"),
@@ -311,9 +316,29 @@ def test_a_run_of_another_version_is_refused(way: Path, tmp_path: Path) -> None:
 def test_every_mistake_gets_one_sentence(tiny_route: Path, tmp_path: Path, arguments: list[str], names: str) -> None:
     out = tmp_path / "out"
     filled = [argument.format(route=tiny_route, out=out) for argument in arguments]
-    assert names in refused(*filled)
+    assert names.format(out=out) in refused(*filled)
     assert not out.exists()
     assert not list(tmp_path.rglob(".*"))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["describe", "sad", "{route}/summer", "--out", "{fifo}"],
+        ["match", "none.h5", "none.h5", "--out", "{fifo}"],
+        ["show", "swap", "no-run", "{route}", "--out", "{fifo}"],
+        ["data", "inspect", "{route}", "--sheet", "{fifo}"],
+        ["export", "no-run", "--onnx", "{fifo}"],
+        ["evaluate", "{route}", "--method", "sad", "--database", "a", "--query", "b", "--out", "{fifo}"],
+    ],
+)
+def test_what_is_no_file_is_refused_before_any_work(tiny_route: Path, tmp_path: Path, arguments: list[str]) -> None:
+    fifo = tmp_path / ("x.onnx" if arguments[0] == "export" else "x.png")
+    os.mkfifo(fifo)
+    said = refused(*(argument.format(route=tiny_route, fifo=fifo) for argument in arguments))
+    assert f"{fifo} " in said
+    assert "a FIFO or a socket; name a file" in said or "cannot be a directory" in said
+    assert fifo.is_fifo()
 
 
 def test_an_unknown_key_of_a_config_is_named(tiny_route: Path, tmp_path: Path) -> None:
@@ -321,6 +346,59 @@ def test_an_unknown_key_of_a_config_is_named(tiny_route: Path, tmp_path: Path) -
     said = refused("train", tiny_route, "--model", "cp-vae", "--config", tmp_path / "c.toml", "--out", tmp_path / "run")
     assert "weights.plaec" in said
     assert not (tmp_path / "run").exists()
+
+
+def test_a_config_of_two_lengths_is_named_unless_an_option_chooses(tiny_route: Path, tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("epochs = 1\nminutes = 1\n")
+    arguments: list[str | Path] = ["train", tiny_route, "--model", "vae", "--config", tmp_path / "c.toml"]
+    said = refused(*arguments, "--out", tmp_path / "run")
+    assert f"--config {tmp_path / 'c.toml'} gives both epochs and minutes; keep one of them" in said
+    # The length is settled: the next mistake is named.
+    assert "monsoon" in refused(*arguments, "--epochs", "1", "--conditions", "monsoon", "--out", tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("what", ["swap", "constant", "translate"])
+def test_show_says_which_models_it_divides(tiny_route: Path, tmp_path: Path, what: str) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "checkpoint.json").write_text('{"format": 1, "model": {"kind": "fabmap", "words": 8}}')
+    said = refused("show", what, tmp_path / "run", tiny_route, "--out", tmp_path / "x.png")
+    assert "run is a run of fabmap, which has no z_p and z_c" in said
+    assert said.endswith("give the run of a c-vae or a cp-vae")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["evaluate", "{route}", "--method", "{run}", "--database", "summer", "--query", "winter"], "stopped"),
+        (["describe", "{run}", "{route}/summer"], "stopped"),
+        (["compare", "{route}", "--methods", "{run}"], "stopped; what was finished is kept"),
+    ],
+)
+def test_ctrl_c_says_what_is_kept_only_where_something_is(
+    tiny_route: Path, tmp_path: Path, arguments: list[str], said: str
+) -> None:
+    waits = tmp_path / "run"
+    waits.mkdir()
+    (waits / "config.toml").touch()
+    os.mkfifo(waits / "checkpoint.json")  # the command waits for what comes out of it
+    filled = [argument.format(route=tiny_route, run=waits) for argument in arguments]
+    command = [sys.executable, "-m", "everplace.cli.main", *filled, "--out", str(tmp_path / "out")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        opened = None
+        deadline = time.monotonic() + 60
+        while opened is None:
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+            with contextlib.suppress(OSError):  # until the command has opened it too
+                opened = os.open(waits / "checkpoint.json", os.O_WRONLY | os.O_NONBLOCK)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=30)
+        os.close(opened)
+    assert process.returncode == 130
+    assert err.splitlines()[-1] == f"everplace: {said}"
 
 
 def test_a_full_disk_leaves_nothing_behind(tiny_route: Path, tmp_path: Path) -> None:

@@ -66,19 +66,21 @@ def test_the_file_is_the_one_of_the_contract(tmp_path: Path) -> None:
         assert file.attrs["settings"] == '{"cell": 8}'
 
 
-def test_hlocs_layout_is_a_group_a_name(tmp_path: Path) -> None:
-    example().write_hloc(tmp_path / "d.h5")
+def test_the_names_of_the_image_files_stand_beside_the_names(tmp_path: Path) -> None:
+    image_names = ("a.png", "Fähre/b.JPG", "c\udcff.png")
+    example(image_names=image_names).save(tmp_path / "d.h5")
     with h5py.File(tmp_path / "d.h5", "r") as file:
-        for name, row in zip(NAMES, VALUES, strict=True):
-            assert file[name]["global_descriptor"].dtype == np.float32
-            assert file[name]["global_descriptor"][()].tolist() == row.tolist()
+        assert sorted(file) == ["descriptors", "image_names", "names"]
+        assert list(file["names"].asstr()) == list(NAMES)
+    read = load_descriptors(tmp_path / "d.h5")
+    assert (read.names, read.image_names) == (NAMES, image_names)
+    assert read.of(["c", "a"]).image_names == ("c\udcff.png", "a.png")
 
 
-@pytest.mark.parametrize("name", ["/a", "a/", "a//b", "./a", ".", "global_descriptor/a", "Fähre", "b\udcff"])
-def test_hlocs_layout_refuses_names_that_are_no_group(tmp_path: Path, name: str) -> None:
-    with pytest.raises(DescriptorsError, match="cannot name a group in hloc's layout"):
-        example(names=("a", "Fähre/b", name)).write_hloc(tmp_path / "d.h5")
-    assert list(tmp_path.iterdir()) == []
+def test_a_file_without_the_names_of_the_image_files_is_read(tmp_path: Path) -> None:
+    example().save(tmp_path / "d.h5")
+    assert load_descriptors(tmp_path / "d.h5").image_names is None
+    assert example().of(["c"]).image_names is None
 
 
 def test_names_that_are_not_utf8_keep_their_bytes(tmp_path: Path) -> None:
@@ -113,6 +115,9 @@ def test_a_value_that_is_not_finite_names_its_frame(bad: float, what: str) -> No
         ({"metric": "euclid"}, "cosine, mean-absolute-difference, place-posterior, not 'euclid'"),
         ({"variance": VALUES[:, :1]}, r"\(3, 1\), not \(3, 2\)"),
         ({"variance": -VALUES}, "variance of frame 'a' is negative"),
+        ({"image_names": ("a.png", "b.png")}, "2 image names for 3 names"),
+        ({"image_names": ("a.png", "b.png", "a.png")}, "'a.png' occurs twice"),
+        ({"image_names": ("a.png", "b.png", "")}, "cannot name a frame"),
     ],
 )
 def test_parts_that_do_not_fit_are_refused(fields: dict[str, Any], message: str) -> None:
@@ -215,6 +220,14 @@ def _no_names(file: h5py.File) -> None:
     del file["names"]
 
 
+def _number_image_names(file: h5py.File) -> None:
+    file["image_names"] = np.arange(3)
+
+
+def _fewer_image_names(file: h5py.File) -> None:
+    file["image_names"] = ["a.png"]
+
+
 def _number_names(file: h5py.File) -> None:
     del file["names"]
     file["names"] = np.arange(3)
@@ -263,6 +276,8 @@ def _settings_nested(file: h5py.File) -> None:
         (_group, "no dataset `descriptors`"),
         (_no_names, "no dataset `names`"),
         (_number_names, "`names` must be a list of strings"),
+        (_number_image_names, "`image_names` must be a list of strings"),
+        (_fewer_image_names, "1 image names for 3 names"),
         (_nan, "frame 'Fähre/b' holds NaN"),
         (_method, "attribute `method` must be text"),
         (_metric, "not 'euclid'"),

@@ -114,6 +114,7 @@ def test_the_batch_does_not_change_the_result(tiny_route: Path, method: str) -> 
     traverse = open_route(tiny_route)["winter"]
     whole = describe_traverse(describer, traverse)
     assert whole.names == traverse.stems
+    assert whole.image_names == tuple(path.name for path in traverse.paths)
     assert whole.values.shape == (len(traverse), describer.dimension)
     for batch in (1, 5):
         assert (describe_traverse(describer, traverse, batch=batch).values == whole.values).all()

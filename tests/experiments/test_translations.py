@@ -122,7 +122,7 @@ def test_a_latent_that_is_not_divided_is_one_clear_error(tmp_path: Path, kind: s
     settings = {"kind": kind, "height": 32, "width": 32, "channels": 1, "fully_connected": False}
     model = ConditionVAE(ModelConfig.model_validate(settings))
     save_checkpoint(tmp_path / "run", model, {})
-    with pytest.raises(CheckpointError, match=f"run holds a {kind}, whose latent has no z_p and z_c .* c-vae"):
+    with pytest.raises(CheckpointError, match=f"run is a run of {kind}, which has no z_p and z_c .* c-vae or a cp-vae"):
         load_divided(str(tmp_path / "run"))
 
 

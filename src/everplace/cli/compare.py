@@ -27,7 +27,15 @@ from everplace.cli.options import (
     Standardise,
     Tolerance,
 )  # fmt: skip
-from everplace.cli.output import one_of, provenance, require_directory, show_progress, show_result, warn
+from everplace.cli.output import (
+    one_of,
+    provenance,
+    require_directory,
+    require_one_length,
+    show_progress,
+    show_result,
+    warn,
+)
 
 if TYPE_CHECKING:
     from everplace.data.route import Route
@@ -81,6 +89,7 @@ def compare(
     """
     how = one_of(standardise, "--standardise", ("centre", "full"))
     search = one_of(sequence_method, "--sequence-method", ("filter", "seqslam", "mean"))
+    require_one_length(epochs, minutes)
     require_directory(out)
     from everplace.data.route import open_route
     from everplace.data.selection import Selection, parse_frames

@@ -55,7 +55,7 @@ def align(
         raise ConfigError(f"--radius is of no use with --by {by}; leave it out")
     require_directory(out)
     if picture is not None:
-        require_file(picture, (".png", ".svg", ".pdf"))
+        require_file(picture, (".png", ".svg", ".pdf"), "--picture")
     from everplace.data.route import open_route
     from everplace.describe.registry import open_describer
     from everplace.experiments.alignment import (

@@ -41,7 +41,7 @@ def inspect(
     Example: everplace data inspect my-route --sheet my-route.png
     """
     if sheet is not None:
-        require_file(sheet, (".png", ".svg", ".pdf"))
+        require_file(sheet, (".png", ".svg", ".pdf"), "--sheet")
     from everplace.data.inspection import inspect_route
     from everplace.data.route import open_route
 

@@ -24,7 +24,7 @@ def demo(
     ),
     as_json: Json = False,
 ) -> None:
-    """Render a route, train C-VAE and CP-VAE, compare them with SAD and HOG; under 5 minutes on two cores.
+    """Render a route, train C-VAE and CP-VAE (both recipes), compare them with SAD and HOG; under 5 minutes on 2 cores.
 
     Example: everplace demo --out demo
     """

@@ -40,14 +40,11 @@ def describe(
     one_of(file_format, "--format", ("everplace", "hloc"))
     require_file(out)
     from everplace.data.sources.folder import open_traverse
-    from everplace.describe.pipeline import describe_paths
+    from everplace.describe.pipeline import describe_traverse
     from everplace.describe.registry import open_describer
 
     describer = open_describer(method, progress=show_progress())
-    traverse = open_traverse(images)
-    # hloc knows an image by its file name, everplace a place by the stem that its traverses share.
-    names = [path.name for path in traverse.paths] if file_format == "hloc" else traverse.stems
-    described = describe_paths(describer, traverse.paths, names, batch=batch, progress=show_progress())
+    described = describe_traverse(describer, open_traverse(images), batch=batch, progress=show_progress())
     if file_format == "hloc":
         described.write_hloc(out)
     else:

@@ -17,6 +17,9 @@ __all__ = ["app", "main", "run"]
 
 _BAD_USAGE, _MACHINE_FAILED, _INTERRUPTED = 2, 1, 130
 
+_KEEPING = (["demo"], ["train"], ["compare"], ["data", "fetch"], ["data", "pack"])
+"""Commands that go on where they stood when they are given again; what the others began is gone."""
+
 app = typer.Typer(
     name="everplace",
     help="Recognise a place again in another season, weather or light.\n\nStart with: everplace demo",
@@ -41,12 +44,12 @@ def run(arguments: list[str]) -> int:
     try:
         status = get_command(app).main(args=arguments, prog_name="everplace", standalone_mode=False)
     except typer.Abort:
-        return _interrupted()
+        return _interrupted(arguments)
     except EverplaceError as error:
         _say(str(error))
         return error.exit_status
     except KeyboardInterrupt:
-        return _interrupted()
+        return _interrupted(arguments)
     except MemoryError:
         return _out_of_memory()
     except BrokenPipeError:
@@ -73,7 +76,7 @@ def run(arguments: list[str]) -> int:
         return _MACHINE_FAILED
     # Typer catches Ctrl-C itself and returns its status.
     if status == _INTERRUPTED:
-        return _interrupted()
+        return _interrupted(arguments)
     return status if isinstance(status, int) else 0
 
 
@@ -95,8 +98,9 @@ def _out_of_memory() -> int:
     return _MACHINE_FAILED
 
 
-def _interrupted() -> int:
-    _say("stopped; what was finished is kept")
+def _interrupted(arguments: list[str]) -> int:
+    keeps = any(arguments[: len(command)] == command for command in _KEEPING)
+    _say("stopped; what was finished is kept" if keeps else "stopped")
     return _INTERRUPTED
 
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from everplace.cli.options import Json, OutFile, Sequence, SequenceSearch, Standardise
-from everplace.cli.output import one_of, require_file, show_result
+from everplace.cli.output import one_of, require_file, show_result, warn
+from everplace.files import readable
+
+if TYPE_CHECKING:
+    from everplace.describe.descriptors import Descriptors
 
 __all__ = ["match", "register"]
 
@@ -33,6 +37,8 @@ def match(
 ) -> None:
     """Find the most similar database frames of every query.
 
+    FILE as csv holds the names (stems) of the frames, as hloc-pairs and kapture the names of the image files.
+
     Example: everplace match summer.h5 winter.h5 --top 5 --out matches.csv
     """
     how = one_of(standardise, "--standardise", ("centre", "full"))
@@ -46,8 +52,23 @@ def match(
 
     asked, known = load_descriptors(query), load_descriptors(database)
     indices, scores = best_matches(asked, known, top, standardised=how, sequence=sequence, sequence_method=search)
-    write_matches(out, asked.names, known.names, indices, scores, format=kind)
+    asked_names, known_names = (
+        described.names if kind == "csv" else _image_names(described, path, kind)
+        for described, path in ((asked, query), (known, database))
+    )
+    write_matches(out, asked_names, known_names, indices, scores, format=kind)
     result = {"queries": len(asked), "database": len(known), "matches": indices.size, "out": str(out)}
     if (new_place := new_place_summary(asked, known)) is not None:
         result["new_place"] = new_place
     show_result(result, as_json)
+
+
+def _image_names(described: Descriptors, path: Path, kind: str) -> tuple[str, ...]:
+    """What hloc and kapture call the frames; of a file that does not say it, the names of the frames."""
+    if described.image_names is not None:
+        return described.image_names
+    warn(
+        f"{readable(path)} does not hold the names of its image files, so its `names` are written; if {kind} is to "
+        "find the images by them, make it again with `everplace describe`"
+    )
+    return described.names

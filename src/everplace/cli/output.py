@@ -12,10 +12,19 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from everplace.errors import ConfigError
-from everplace.files import readable
+from everplace.files import is_special, readable
 from everplace.progress import Progress
 
-__all__ = ["one_of", "provenance", "require_directory", "require_file", "show_progress", "show_result", "warn"]
+__all__ = [
+    "one_of",
+    "provenance",
+    "require_directory",
+    "require_file",
+    "require_one_length",
+    "show_progress",
+    "show_result",
+    "warn",
+]
 
 T = TypeVar("T")
 
@@ -77,13 +86,25 @@ def require_file(out: Path, endings: tuple[str, ...] = (), option: str = "--out"
     """Refuses an output (`option`) that cannot be a file, before any work is done.
 
     Raises:
-        ConfigError: It is a directory, lies in a file, or has another ending than those given.
+        ConfigError: It is a directory or a device, lies in a file, or has another ending than those given.
     """
     if out.is_dir():
         raise ConfigError(f"{option} {readable(out)} is a directory; name a file")
+    if is_special(out):
+        raise ConfigError(f"{option} {readable(out)} is a device, a FIFO or a socket; name a file")
     if endings and out.suffix.lower() not in endings:
         raise ConfigError(f"{option} {readable(out)} must end in {' or '.join(endings)}")
     require_directory(out.parent, option)
+
+
+def require_one_length(epochs: int | None, minutes: float | None) -> None:
+    """Refuses both options that say how long to train.
+
+    Raises:
+        ConfigError: Both are given.
+    """
+    if epochs is not None and minutes is not None:
+        raise ConfigError("--epochs and --minutes exclude each other; give one of them")
 
 
 def one_of(value: str | None, option: str, allowed: tuple[str, ...]) -> Any:

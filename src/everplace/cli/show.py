@@ -31,7 +31,7 @@ __all__ = ["register"]
 
 _PICTURES = (".png", ".svg", ".pdf")
 
-RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="Directory of a trained model.")]
+RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="Run directory of a c-vae or cp-vae.")]
 Conditions = Annotated[str, typer.Option("--conditions", metavar="A,B", help="Traverses or conditions to show [all].")]
 Method = Annotated[str, typer.Option("--method", metavar="METHOD", help="A run directory, or sad, hog, ...")]
 

@@ -21,7 +21,9 @@ from everplace.cli.options import (
     RouteArgument,
     Seed,
 )  # fmt: skip
-from everplace.cli.output import one_of, require_directory, show_progress, show_result
+from everplace.cli.output import one_of, require_directory, require_one_length, show_progress, show_result
+from everplace.errors import ConfigError
+from everplace.files import readable
 
 __all__ = ["register", "train"]
 
@@ -69,6 +71,7 @@ def train(
     from everplace.training.methods import FITTED_METHODS, build_config, fit_method
 
     one_of(model, "--model", FITTED_METHODS)
+    require_one_length(epochs, minutes)
     given: dict[str, Any] = {
         "conditions": tuple(name for name in conditions.split(",") if name) or None,
         "frames": frames or None,
@@ -87,6 +90,8 @@ def train(
         values.pop("minutes", None)
     if minutes is not None and epochs is None:
         values.pop("epochs", None)
+    if config is not None and values.keys() >= {"epochs", "minutes"}:
+        raise ConfigError(f"--config {readable(config)} gives both epochs and minutes; keep one of them")
     checked = build_config(**values)
 
     from everplace.data.route import open_route

@@ -7,9 +7,11 @@ look-ahead, however long the traverse is.
 from __future__ import annotations
 
 import contextlib
+import operator
 import time
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,8 +37,12 @@ def describe_traverse(
     threads: int | None = None,
     progress: Progress = quiet,
 ) -> Descriptors:
-    """Describes all frames of a traverse, named by their stems; see `describe_paths`."""
-    return describe_paths(describer, traverse.paths, traverse.stems, batch=batch, threads=threads, progress=progress)
+    """Describes all frames of a traverse, named by their stems and with their image names; see `describe_paths`."""
+    described = describe_paths(
+        describer, traverse.paths, traverse.stems, batch=batch, threads=threads, progress=progress
+    )
+    image_names = tuple(map(operator.add, traverse.stems, traverse.endings))
+    return replace(described, image_names=image_names)
 
 
 def describe_paths(

@@ -40,7 +40,7 @@ def open_describer(method: str, *, progress: Progress = quiet) -> Describer:
     """
     # os.path answers False where pathlib raises: a name too long for a path, or with NUL.
     if method and os.path.isfile(os.path.join(method, "config.toml")):  # noqa: PTH113, PTH118
-        return _open(_RUN_METHODS.get(_kind(Path(method)), "vae"), method, progress)
+        return _open(_RUN_METHODS.get(kind_of_run(Path(method)), "vae"), method, progress)
     name, _, argument = method.partition(":")
     if name in method_names():
         return _open(name, argument, progress)
@@ -50,7 +50,7 @@ def open_describer(method: str, *, progress: Progress = quiet) -> Describer:
     raise MethodError(f"there is no method or run directory {readable(method)!r}; {choice}")
 
 
-def _kind(run: Path) -> str:
+def kind_of_run(run: Path) -> str:
     """The kind of model that a run directory holds; empty if it does not say, which opening it explains."""
     try:
         return str(json.loads((run / "checkpoint.json").read_text("utf-8"))["model"]["kind"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import torch
 from matplotlib.figure import Figure
@@ -11,11 +13,13 @@ from everplace.data.images import ImageSpec, decode_images
 from everplace.data.route import Route
 from everplace.data.selection import spread
 from everplace.data.traverse import Traverse
+from everplace.describe.registry import kind_of_run
 from everplace.errors import CheckpointError, RouteError
 from everplace.evaluate.audit import encode_frames
 from everplace.files import readable
 from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import load_checkpoint
+from everplace.model.config import LABELLED_KINDS
 from everplace.model.images import to_pixels
 from everplace.plots.canvas import new_figure
 from everplace.plots.grid import Translation, draw_constant_grid, draw_swap_grid, draw_translations
@@ -30,15 +34,15 @@ def load_divided(run: str) -> ConditionVAE:
     """Reads the model of a run directory whose latent has a z_p and a z_c.
 
     Raises:
-        CheckpointError: There is no usable checkpoint, or its model has one undivided latent.
+        CheckpointError: There is no usable checkpoint, or its model has one undivided latent, or none at all.
     """
-    model = load_checkpoint(run).model
-    if not model.config.labelled:
+    kind = kind_of_run(Path(run))
+    if kind and kind not in LABELLED_KINDS:
         raise CheckpointError(
-            f"{readable(run)} holds a {model.config.kind}, whose latent has no z_p and z_c to put together anew; "
+            f"{readable(run)} is a run of {kind}, which has no z_p and z_c to put together anew; "
             "give the run of a c-vae or a cp-vae"
         )
-    return model
+    return load_checkpoint(run).model
 
 
 def swap_figure(model: ConditionVAE, route: Route, place: int | None = None) -> Figure:

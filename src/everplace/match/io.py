@@ -32,7 +32,8 @@ def write_matches(
     """Writes the best matches of every query, whole or not at all.
 
     "csv" has the columns query, database, score, rank (from 1). "hloc-pairs" is what hloc's matchers read: a
-    line `query database` a match. "kapture" is the pairs file of kapture 1.1: `query, database, score`.
+    line `query database` a match. "kapture" is the pairs file of kapture 1.1: `query, database, score`. Both know an
+    image by the name of its file, so theirs are image names.
     Scores are written so that reading them as float32 gives them back exactly.
 
     Args:

@@ -6,12 +6,13 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-__all__ = ["MODEL_KINDS", "ModelConfig", "ModelKind", "PlaceTerm"]
+__all__ = ["LABELLED_KINDS", "MODEL_KINDS", "ModelConfig", "ModelKind", "PlaceTerm"]
 
 ModelKind = Literal["vae", "c-vae", "cp-vae", "cae"]
 MODEL_KINDS: tuple[ModelKind, ...] = ("vae", "c-vae", "cp-vae", "cae")
+LABELLED_KINDS: tuple[ModelKind, ...] = ("c-vae", "cp-vae")
+"""Kinds whose labels divide the latent into z_p and z_c."""
 PlaceTerm = Literal["classes", "position"]
-_LABELLED: tuple[ModelKind, ...] = ("c-vae", "cp-vae")
 
 PositiveInt = Annotated[int, Field(gt=0)]
 
@@ -72,7 +73,7 @@ class ModelConfig(BaseModel):
     @property
     def labelled(self) -> bool:
         """Whether labels divide z into z_p and z_c; else z is one block, and all of it the descriptor."""
-        return self.kind in _LABELLED
+        return self.kind in LABELLED_KINDS
 
     @property
     def descriptor_dimensions(self) -> int:

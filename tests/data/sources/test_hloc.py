@@ -50,6 +50,14 @@ def test_the_layout_of_everplace_describe(data_set: Any) -> None:
     data_set.text("pairs.txt", ["q.jpg a.jpg"])
     with h5py.File(data_set.root / "d.h5", "w") as file:
         file["descriptors"] = np.zeros((2, 3), np.float32)
+        file.create_dataset("names", data=["a", "b"], dtype=h5py.string_dtype())
+        file.create_dataset("image_names", data=["a.jpg", "b.jpg"], dtype=h5py.string_dtype())
+    assert hloc._read_hdf5(data_set.root / "d.h5") == ["a.jpg", "b.jpg"]
+
+
+def test_the_layout_that_others_write_has_names_alone(data_set: Any) -> None:
+    with h5py.File(data_set.root / "d.h5", "w") as file:
+        file["descriptors"] = np.zeros((2, 3), np.float32)
         file.create_dataset("names", data=["a.jpg", "b.jpg"], dtype=h5py.string_dtype())
     assert hloc._read_hdf5(data_set.root / "d.h5") == ["a.jpg", "b.jpg"]
 

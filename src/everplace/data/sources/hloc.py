@@ -24,6 +24,7 @@ SUMMARY = "hloc: a text file of image pairs as the truth, HDF5 or text files as 
 
 _QUERIES, _DATABASE, _IMAGES = "queries", "database", "images"
 _HDF5 = (".h5", ".hdf5")
+_EVERPLACE = ("image_names", "names")  # everplace's own layout; older files have the second alone
 
 
 class Options(SourceOptions):
@@ -114,10 +115,8 @@ def _read_hdf5(path: AnyPath) -> list[str]:
 
     try:
         with _open_hdf5(path) as file:
-            if isinstance(file.get("names"), h5py.Dataset):
-                names = list(file["names"].asstr()[:].ravel())
-            else:
-                names = list(_leaf_groups(file, ""))
+            own = next((name for name in _EVERPLACE if isinstance(file.get(name), h5py.Dataset)), None)
+            names = list(_leaf_groups(file, "")) if own is None else list(file[own].asstr()[:].ravel())
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
         raise RouteError(f"{readable(path)} is not a readable HDF5 file ({reason}); get it again") from error

@@ -1,0 +1,128 @@
+"""HDF5 as descriptor files need it: written in memory, read with a look at what a dataset announces."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, cast
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.errors import DescriptorsError
+
+__all__ = [
+    "BYTES_OF_NAMES",
+    "find_dataset",
+    "image_of",
+    "in_memory",
+    "read_numbers",
+    "read_text",
+    "read_texts",
+    "require_own_numbers",
+    "write_texts",
+]
+
+BYTES_OF_NAMES = "surrogateescape"
+"""A name that is not UTF-8 keeps its bytes, as Python's file names do."""
+
+_GROWS_BY = 2**20
+_MOST_COMPRESSED = 1000  # bytes out of one, about what deflate reaches on zeros
+_TEXTS_AT_ONCE = 64
+
+
+def in_memory() -> h5py.File:
+    """A file to fill in memory: HDF5 itself crashes, or leaves its file behind, where the disk is full."""
+    return h5py.File("descriptors", "w", driver="core", backing_store=False, block_size=_GROWS_BY)
+
+
+def image_of(file: h5py.File) -> bytes:
+    """The bytes of a file that was filled in memory."""
+    file.flush()
+    return cast("bytes", file.id.get_file_image())
+
+
+def write_texts(file: h5py.File, name: str, texts: Sequence[str]) -> None:
+    """Writes a dataset of UTF-8 strings."""
+    encoded = [text.encode("utf-8", BYTES_OF_NAMES) for text in texts]
+    file.create_dataset(name, data=encoded, dtype=h5py.string_dtype("utf-8"))
+
+
+def find_dataset(file: h5py.File, name: str) -> Any:
+    """Finds a dataset at the top of a file, and sees that it holds its numbers; see `require_own_numbers`.
+
+    Raises:
+        DescriptorsError: There is none, or it is a link to another place.
+    """
+    link = file.get(name, getlink=True)
+    if link is not None and not isinstance(link, h5py.HardLink):
+        raise DescriptorsError(f"`{name}` is a link to another place; write the numbers into the file itself")
+    if not isinstance(found := file.get(name), h5py.Dataset):
+        raise DescriptorsError(f"it holds no dataset `{name}`; make it again with `everplace describe`")
+    require_own_numbers(found, name, file.id.get_filesize())
+    return found
+
+
+def require_own_numbers(dataset: Any, name: str, file_bytes: int) -> None:
+    """Refuses what keeps its numbers elsewhere, or announces more than it can hold.
+
+    Else a file of 1 KB could ask for all memory.
+
+    Args:
+        dataset: Of which nothing was read yet.
+        name: What the message calls it.
+        file_bytes: Size of its file.
+
+    Raises:
+        DescriptorsError: It does one of these.
+    """
+    if dataset.is_virtual or dataset.external:
+        raise DescriptorsError(f"`{name}` keeps its numbers in other files; write them into the file itself")
+    stored = min(dataset.id.get_storage_size(), file_bytes)
+    compressed = dataset.id.get_create_plist().get_nfilters() > 0
+    entries = max(dataset.size or 0, math.prod(dataset.chunks or (0,)))  # a chunk is read whole
+    if dataset.size and entries * dataset.dtype.itemsize > stored * (_MOST_COMPRESSED if compressed else 1):
+        raise DescriptorsError(f"`{name}` announces the shape {dataset.shape}, but holds only {stored} bytes")
+
+
+def read_numbers(dataset: Any, name: str) -> NDArray[Any]:
+    """Reads an array, after a look at its type: object types are refused before anything of them is read.
+
+    Raises:
+        DescriptorsError: It is not N×D floating-point numbers.
+    """
+    if dataset.dtype.kind != "f" or dataset.ndim != 2:
+        raise DescriptorsError(f"`{name}` must be N×D floating-point numbers, not {dataset.dtype} of {dataset.shape}")
+    return np.asarray(dataset[:])
+
+
+def read_texts(dataset: Any, name: str) -> tuple[str, ...]:
+    """Reads strings bit by bit: all of them may point at the same long text.
+
+    Raises:
+        DescriptorsError: It is no list of strings, or they are longer than the file.
+    """
+    if h5py.check_string_dtype(dataset.dtype) is None or dataset.ndim != 1:
+        raise DescriptorsError(f"`{name}` must be a list of strings, not {dataset.dtype} of shape {dataset.shape}")
+    texts: list[str] = []
+    total = 0
+    most = max(dataset.file.id.get_filesize(), dataset.nbytes)
+    for start in range(0, len(dataset), _TEXTS_AT_ONCE):
+        texts.extend(dataset.asstr("utf-8", BYTES_OF_NAMES)[start : start + _TEXTS_AT_ONCE])
+        total += sum(map(len, texts[start:]))
+        if total > most:
+            raise DescriptorsError(f"its `{name}` are longer than the file; make it again with `everplace describe`")
+    return tuple(texts)
+
+
+def read_text(file: h5py.File, name: str, default: str) -> str:
+    """Reads an attribute of the file.
+
+    Raises:
+        DescriptorsError: It is no text.
+    """
+    value = file.attrs.get(name, default)
+    if not isinstance(value, str):
+        raise DescriptorsError(f"its attribute `{name}` must be text, not {type(value).__name__}")
+    return value

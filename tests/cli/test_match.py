@@ -1,0 +1,90 @@
+"""`everplace describe` and `everplace match` as hloc and kapture use them: image names that fit together."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import h5py
+import pytest
+
+from everplace.cli import main
+from everplace.describe.descriptors import load_descriptors
+
+
+def call(*arguments: str | Path) -> None:
+    assert main.run([str(argument) for argument in arguments]) == 0
+
+
+@pytest.fixture
+def described(tiny_route: Path, tmp_path: Path) -> dict[tuple[str, str], Path]:
+    """Files by traverse and layout."""
+    (tiny_route / "winter" / "3.png").rename(tiny_route / "winter" / "3.PNG")
+    files = {(name, layout): tmp_path / f"{name}-{layout}.h5" for name in ("summer", "winter") for layout in LAYOUTS}
+    for (name, layout), file in files.items():
+        call("describe", "hog", tiny_route / name, "--out", file, "--format", layout)
+    return files
+
+
+LAYOUTS = ("everplace", "hloc")
+
+
+def test_a_file_holds_the_stems_and_the_names_of_the_images(described: dict[tuple[str, str], Path]) -> None:
+    for layout in LAYOUTS:
+        winter = load_descriptors(described["winter", layout])
+        assert winter.names == tuple(map(str, range(12)))
+        assert winter.image_names == tuple(f"{place}.{'PNG' if place == 3 else 'png'}" for place in range(12))
+
+
+@pytest.mark.parametrize("query", LAYOUTS)
+@pytest.mark.parametrize("database", LAYOUTS)
+def test_matches_are_the_same_from_either_layout(
+    described: dict[tuple[str, str], Path], tmp_path: Path, database: str, query: str
+) -> None:
+    options = ["--top", "2", "--sequence", "3"]  # a sequence needs the frames in their order
+    for names in ((database, query), ("everplace", "everplace")):
+        files = described["summer", names[0]], described["winter", names[1]]
+        call("match", *files, *options, "--out", tmp_path / f"{'-'.join(names)}.csv")
+    assert (tmp_path / f"{database}-{query}.csv").read_text() == (tmp_path / "everplace-everplace.csv").read_text()
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_pairs_name_what_hloc_finds_in_the_files_of_features(
+    described: dict[tuple[str, str], Path], tmp_path: Path, layout: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = described["summer", layout], described["winter", layout]
+    for kind in ("csv", "hloc-pairs", "kapture"):
+        call("match", *files, "--format", kind, "--top", "2", "--out", tmp_path / kind)
+    rows = list(csv.DictReader((tmp_path / "csv").read_text().splitlines()))
+    assert {row["query"] for row in rows} == set(map(str, range(12)))
+    pairs = [line.split() for line in (tmp_path / "hloc-pairs").read_text().splitlines()]
+    assert [tuple(name.rpartition(".")[0] for name in pair) for pair in pairs] == [
+        (row["query"], row["database"]) for row in rows
+    ]
+    with (
+        h5py.File(described["winter", "hloc"]) as queries,
+        h5py.File(described["summer", "hloc"]) as database,
+    ):
+        for query, found in pairs:
+            assert "global_descriptor" in queries[query]
+            assert "global_descriptor" in database[found]
+    kapture = [line.split(", ") for line in (tmp_path / "kapture").read_text().splitlines()[2:]]
+    assert [line[:2] for line in kapture] == pairs
+    assert capsys.readouterr().err == ""
+
+
+def test_a_file_without_image_names_gives_its_names_and_that_is_said(
+    described: dict[tuple[str, str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    older = described["winter", "everplace"]
+    with h5py.File(older, "r+") as file:
+        del file["image_names"]
+    summer = described["summer", "everplace"]
+    call("match", summer, older, "--out", tmp_path / "m.csv")
+    assert capsys.readouterr().err == ""
+    call("match", summer, older, "--format", "hloc-pairs", "--out", tmp_path / "pairs.txt")
+    (said,) = capsys.readouterr().err.strip().splitlines()
+    assert "winter-everplace.h5 does not hold the names of its image files, so its `names` are written" in said
+    pairs = [line.split() for line in (tmp_path / "pairs.txt").read_text().splitlines()]
+    assert [query for query, _ in pairs] == list(map(str, range(12)))
+    assert all(found.endswith(".png") for _, found in pairs)
