@@ -22,6 +22,7 @@ from everplace.evaluate.audit import Audit
 from everplace.experiments.comparison_parts import MethodResult, PairResult, Part, remove_leftovers
 from everplace.experiments.evaluation import audit_pair
 from everplace.experiments.fitting import Methods
+from everplace.experiments.ingredients import ingredient_metrics, named_ingredients
 from everplace.experiments.manifest import MANIFEST, Study, require_same_study
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, pair_of, retrieve, true_matches
 from everplace.files import write_text
@@ -99,6 +100,12 @@ class Comparison:
         }
 
     @property
+    def remarks(self) -> list[str]:
+        """What must stand at every table, one line each: what a run has that the paper's model has not."""
+        named = {label: named_ingredients(one.settings()) for label, one in self.describers.items()}
+        return [f"{label}: {ingredients}" for label, ingredients in named.items() if ingredients is not None]
+
+    @property
     def notes(self) -> list[str]:
         """What else a reader must know, one sentence each."""
         return [one.unmeasured for one in self.methods.values() if one.unmeasured]
@@ -133,6 +140,7 @@ class Comparison:
                 }
                 for (query, database), results in self.results.items()
             ],
+            "methods": {label: ingredient_metrics(one.settings()) for label, one in self.describers.items()},
             "mean_auc_pr": {label: self.mean("auc_pr", label) for label in self.methods},
             "audit": {label: one.to_dict() for label, one in self.audits.items()},
             "left_out": self.left_out,

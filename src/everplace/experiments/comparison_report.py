@@ -19,7 +19,7 @@ from everplace.files import write_text
 from everplace.plots.canvas import new_figure, save_figure
 from everplace.plots.curves import draw_precision_recall_panels
 from everplace.plots.interactive import precision_recall_figure
-from everplace.report.html import Report
+from everplace.report.html import Report, Section
 
 __all__ = ["write_comparison"]
 
@@ -53,7 +53,9 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
     for pair, results in comparison.results.items():
         _pair_section(report, comparison, pair, results)
     if comparison.audits:
-        audit_section(report.section("Leakage audit"), comparison.audits)
+        section = report.section("Leakage audit")
+        _say_remarks(section, comparison)
+        audit_section(section, comparison.audits)
     for label, describer in comparison.describers.items():
         if isinstance(describer, VAEDescriber) and route.aligned:
             latent_section(report.section(f"What the latent of {label} holds"), describer, route, out, f"{label}-")
@@ -70,6 +72,7 @@ def _summary(report: Report, comparison: Comparison, panels: Figure) -> None:
     section.table(
         header, rows, caption="Means over all ordered pairs of conditions.", best=dict.fromkeys(SCORES, "highest")
     )
+    _say_remarks(section, comparison)
     for method, reason in comparison.left_out.items():
         section.paragraph(f"{method} was left out: {reason}")
     for note in comparison.notes:
@@ -79,6 +82,11 @@ def _summary(report: Report, comparison: Comparison, panels: Figure) -> None:
         alt=f"Precision-recall curves of {len(comparison.methods)} methods, a panel for each ordered pair.",
         caption="Precision-recall curves: the frames of one condition looked for in another.",
     )
+
+
+def _say_remarks(section: Section, comparison: Comparison) -> None:
+    for remark in comparison.remarks:
+        section.paragraph(remark)
 
 
 def _how(report: Report, comparison: Comparison) -> None:
@@ -101,6 +109,7 @@ def _pair_section(
     )
     header, rows = comparison.table(names)
     section.table(header, rows, best=dict.fromkeys(SCORES, "highest"))
+    _say_remarks(section, comparison)
     many = len(comparison.results) > _FEW_PAIRS
     for label in _shown(comparison, areas)[-1 if many else 0 :]:
         retrieval = comparison.retrieval(pair, label)
@@ -131,9 +140,10 @@ def _markdown(comparison: Comparison) -> str:
     for query, database in comparison.results:
         table = comparison.table((query, database))
         lines += [f"**{query} against {database}**", "", *_markdown_table(*table), ""]
+    lines += [f"{remark}  " for remark in comparison.remarks]
     lines += [f"{method} was left out: {reason}  " for method, reason in comparison.left_out.items()]
     lines += [f"{note}  " for note in comparison.notes]
-    if comparison.left_out or comparison.notes:
+    if comparison.remarks or comparison.left_out or comparison.notes:
         lines += [""]
     lines += [f"{name}: {DEFINITIONS[name]}  " for name in COSTS]
     return "\n".join(lines).rstrip() + "\n"
