@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -102,13 +103,12 @@ def fit_and_open(
             if method.partition(":")[0] not in method_names():
                 raise
             left_out[method] = str(error)
-    for method in methods:
+    for method, label in _labels(methods).items():
         if method in FITTED_METHODS:
             own = {**_settings_of(method, settings), "model": method, "frames": fit_frames}
-            describers[method] = fit(route, own, out, progress)
-            sources[method] = str(run_of(out, method))
+            describers[label] = fit(route, own, out, progress)
+            sources[label] = str(run_of(out, method))
         elif method in opened:
-            label = _label(method, describers)
             describers[label], sources[label] = opened[method], method
     if not describers:
         raise ConfigError(f"--methods {','.join(methods)}: none of them can run: {'; '.join(left_out.values())}")
@@ -154,13 +154,23 @@ def _settings_of(method: str, settings: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in settings.items() if method != "fabmap" or name in shared}
 
 
-def _label(method: str, taken: Collection[str]) -> str:
-    """A short name for the tables: of a run directory its last part, made unique."""
-    name = Path(method).name if Path(method).is_dir() else method
-    label, number = name, 2
-    while label in taken:
-        label, number = f"{name}-{number}", number + 1
-    return label
+def _labels(methods: Sequence[str]) -> dict[str, str]:
+    """By method, each counted once, a short name for the tables: of a run directory its last part, made unique."""
+    labels: dict[str, str] = {}
+    for method in dict.fromkeys(methods):
+        # os.path answers False where pathlib raises: an argument too long for a path.
+        is_run = method not in FITTED_METHODS and os.path.isdir(method)  # noqa: PTH112
+        name = _directory_name(Path(method)) if is_run else method
+        label, number = name, 2
+        while label in labels.values():
+            label, number = f"{name}-{number}", number + 1
+        labels[method] = label
+    return labels
+
+
+def _directory_name(path: Path) -> str:
+    """The last part of a directory's path; where that is no name, as of "." and "..", the one it stands for."""
+    return readable(path.name if path.name not in ("", "..") else path.resolve().name or str(path))
 
 
 def _require_apart(route: Route, frames: slice | None, fit_frames: str, fitted: Sequence[str]) -> None:
