@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.experiments.comparing import untrained_run
+from tests.experiments.comparing import compare, refused, untrained_run
 
 from everplace.data.route import open_route
+from everplace.errors import CheckpointError, ConfigError
 from everplace.experiments.fitting import fit_and_open
 
 SMALL = {"epochs": 1, "image_size": (32, 32), "held_out_gap": 0, "batch_size": 4, "fully_connected": False}
@@ -36,3 +37,54 @@ def test_a_run_is_called_by_the_name_of_its_directory(
     methods = [".", "sub/..", "../linked", "../mine", str(run), "./cae", "hog", "hog"]
     ready = fit_and_open(open_route(tiny_route), methods, "", tmp_path / "out", settings={})
     assert list(ready.describers) == ["mine", "mine-2", "linked", "mine-3", "mine-4", "cae", "hog"]
+
+
+def test_what_a_method_lacks_is_known_before_another_is_fitted(tiny_route: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    fitting = ["--fit-frames", ":6", "--epochs", "1", "--image-size", "32", "32"]
+    metrics = compare(tiny_route, out, "--methods", "sad,cae", "--frames", "6:", *fitting)
+    assert list(metrics["left_out"]) == ["cae"]
+    assert "too few to hold out 2 behind a gap of 10" in metrics["left_out"]["cae"]
+    assert f"cae was left out: {metrics['left_out']['cae']}" in (out / "table.md").read_text()
+    assert not (out / "runs").exists()
+    said = refused(tiny_route, tmp_path / "none", "--methods", "cae,vae", "--frames", "6:", *fitting)
+    assert "none of them can run: traverse summer has 6 frames" in said
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.slow
+def test_drives_that_are_not_aligned_leave_out_what_needs_the_same_places(tiny_route: Path, tmp_path: Path) -> None:
+    (tiny_route / "route.toml").write_text("aligned = false\n")
+    ready = fit_and_open(open_route(tiny_route), ["cp-vae", "cae"], "0:8", tmp_path / "out", settings=SMALL)
+    assert list(ready.describers) == ["cae"]
+    assert "cp-vae learns from the same places" in ready.left_out["cp-vae"]
+
+
+@pytest.mark.slow
+def test_a_fit_that_fails_leaves_its_method_out_and_may_be_tried_with_other_settings(
+    tiny_route: Path, tmp_path: Path
+) -> None:
+    route, out = open_route(tiny_route), tmp_path / "out"
+    for frames in ("0:6", "0:8"):
+        ready = fit_and_open(route, ["cae", "fabmap", "hog"][frames == "0:8" :], frames, out, settings=SMALL)
+        assert "too few for words = 1500" in ready.left_out["fabmap"]
+        assert "other settings" not in ready.left_out["fabmap"]
+    assert list(ready.describers) == ["hog"]
+    assert [path.name for path in (out / "runs").iterdir()] == ["cae"]
+
+
+@pytest.mark.slow
+def test_other_settings_are_refused_before_anything_is_fitted(tiny_route: Path, tmp_path: Path) -> None:
+    route, out = open_route(tiny_route), tmp_path / "out"
+    fit_and_open(route, ["vae"], "0:8", out, settings=SMALL)
+    with pytest.raises(
+        ConfigError, match=r"out holds a study with other settings \(vae: seed was 0 and is now 1\); name"
+    ):
+        fit_and_open(route, ["cae", "vae"], "0:8", out, settings={**SMALL, "seed": 1})
+    assert not (out / "runs" / "cae").exists()
+    (tiny_route / "summer" / "0.png").write_bytes((tiny_route / "summer" / "1.png").read_bytes())
+    with pytest.raises(ConfigError, match=r"other settings \(vae: was trained on other images than .*tiny\); name"):
+        fit_and_open(route, ["vae", "hog"], "0:8", out, settings=SMALL)
+    (out / "runs" / "vae" / "config.toml").write_text("a = [")
+    with pytest.raises(CheckpointError, match=r"config\.toml was not written by this version"):
+        fit_and_open(route, ["vae", "hog"], "0:8", out, settings=SMALL)

@@ -22,6 +22,7 @@ from everplace.model.checkpoint import load_checkpoint
 from everplace.plots.canvas import new_figure
 from everplace.plots.training import draw_training
 from everplace.progress import Progress, quiet
+from everplace.training.methods import build_config
 from everplace.training.metrics import read_metrics
 
 __all__ = ["DemoSettings", "run_demo"]
@@ -89,8 +90,8 @@ def run_demo(
     chosen = {}
     for label, model in MODELS.items():
         run = run_of(out, label)
-        wanted = {**model, "frames": settings.trained, "image_size": settings.seen, "epochs": settings.epochs}
-        describers[label] = fit(route, wanted, out, progress, name=label)
+        config = build_config(**model, frames=settings.trained, image_size=settings.seen, epochs=settings.epochs)
+        describers[label] = fit(route, config, out, label, progress)
         curves[label] = read_metrics(run)
         chosen[label] = load_checkpoint(run).about["epoch"]
     describers |= {name: open_describer(name) for name in ("sad", "hog")}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,10 +13,12 @@ from everplace.data.route import Route
 from everplace.data.selection import Selection, parse_frames, select, select_maps
 from everplace.describe.protocol import Describer
 from everplace.describe.registry import method_names, open_describer
-from everplace.errors import ConfigError, MethodError
+from everplace.errors import CheckpointError, ConfigError, InputError, MethodError, OtherRunError
 from everplace.files import readable
 from everplace.progress import Progress, quiet
-from everplace.training.methods import FITTED_METHODS, build_config, fit_method
+from everplace.training.config import FitConfig
+from everplace.training.methods import FITTED_METHODS, build_config, fit_method, require_fittable
+from everplace.training.run_directory import locked, require_usable
 
 __all__ = ["Methods", "fit", "fit_and_open", "run_of", "select_tested"]
 
@@ -27,7 +30,7 @@ class Methods:
     Attributes:
         describers: By label, in the order of the tables.
         sources: By label, what `open_describer` takes to open the method again.
-        left_out: Methods that could not be opened, with the reason.
+        left_out: By label, methods that could not be opened or fitted, with the reason.
     """
 
     describers: dict[str, Describer]
@@ -81,20 +84,52 @@ def fit_and_open(
         route: The chosen traverses, all of their places.
         methods: Run directories, or names of methods.
         fit_frames: `A:B`, the places to fit on, apart from the tested ones (see `select_tested`).
-        out: The directory of the comparison.
+        out: The directory of the comparison; made when something is fitted.
         settings: Values of `TrainConfig` for the networks that are fitted; FAB-MAP takes its own of them, and looks
             at images as they are stored.
         progress: Told of decoding.
 
     Raises:
-        ConfigError: A setting is wrong, an earlier call used others, or no method can run.
+        ConfigError: A setting is wrong, an earlier call used others, no method can run, or `out` is in use.
         MethodError: There is no such method.
+        CheckpointError: A run directory is damaged.
+        MachineError: Fitting failed, and not by its input.
     """
-    describers: dict[str, Describer] = {}
-    sources: dict[str, str] = {}
-    left_out: dict[str, str] = {}
+    labels = _labels(methods)
+    opened, left_out = _open(labels, progress)
+    configs: dict[str, FitConfig] = {}
+    for method in labels:
+        if method in FITTED_METHODS:
+            configs[method] = build_config(**_settings_of(method, settings), model=method, frames=fit_frames)
+    for method, config in configs.items():
+        _require_same_run(out, method, config)
+    # Before anything is fitted, which takes long.
+    unfit = {method: reason for method, config in configs.items() if (reason := _why_not(route, config, progress))}
+    left_out |= {labels[method]: reason for method, reason in unfit.items()}
+    if len(unfit) < len(configs):
+        # Another process that fits here is waited for, and then refused: its methods are no left-out ones.
+        with locked(out):
+            for method in [one for one in configs if one not in unfit]:
+                made = _fit_or_reason(route, configs[method], out, method, progress)
+                if isinstance(made, str):
+                    left_out[labels[method]] = made
+                else:
+                    opened[method] = made
+    if not opened:
+        raise ConfigError(f"--methods {','.join(methods)}: none of them can run: {'; '.join(left_out.values())}")
+    found = {method: label for method, label in labels.items() if method in opened}
+    return Methods(
+        {label: opened[method] for method, label in found.items()},
+        {label: str(run_of(out, method)) if method in configs else method for method, label in found.items()},
+        left_out,
+    )
+
+
+def _open(labels: Mapping[str, str], progress: Progress) -> tuple[dict[str, Describer], dict[str, str]]:
+    """Opens the methods that need no fitting; the reasons of those that cannot run are by label."""
     opened: dict[str, Describer] = {}
-    for method in methods:  # before anything is fitted, which takes long
+    left_out: dict[str, str] = {}
+    for method, label in labels.items():
         if method in FITTED_METHODS:
             continue
         try:
@@ -102,17 +137,27 @@ def fit_and_open(
         except MethodError as error:
             if method.partition(":")[0] not in method_names():
                 raise
-            left_out[method] = str(error)
-    for method, label in _labels(methods).items():
-        if method in FITTED_METHODS:
-            own = {**_settings_of(method, settings), "model": method, "frames": fit_frames}
-            describers[label] = fit(route, own, out, progress)
-            sources[label] = str(run_of(out, method))
-        elif method in opened:
-            describers[label], sources[label] = opened[method], method
-    if not describers:
-        raise ConfigError(f"--methods {','.join(methods)}: none of them can run: {'; '.join(left_out.values())}")
-    return Methods(describers, sources, left_out)
+            left_out[label] = str(error)
+    return opened, left_out
+
+
+def _why_not(route: Route, config: FitConfig, progress: Progress) -> str:
+    """Why a method cannot be fitted, if that can be known before; else nothing."""
+    try:
+        require_fittable(route, config, progress)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def _fit_or_reason(route: Route, config: FitConfig, out: Path, method: str, progress: Progress) -> Describer | str:
+    """A fitted method, or why it could not be fitted to this route; what is wrong with `out` is no such reason."""
+    try:
+        return fit(route, config, out, method, progress)
+    except (OtherRunError, CheckpointError):
+        raise
+    except InputError as error:
+        return str(error)
 
 
 def run_of(out: Path, method: str) -> Path:
@@ -120,32 +165,47 @@ def run_of(out: Path, method: str) -> Path:
     return out / "runs" / method
 
 
-def fit(
-    route: Route, settings: Mapping[str, Any], out: Path, progress: Progress = quiet, *, name: str = ""
-) -> Describer:
+def fit(route: Route, config: FitConfig, out: Path, name: str, progress: Progress = quiet) -> Describer:
     """Fits a method into `out`/runs, or goes on where an earlier call with the same settings stood.
 
     Args:
         route: The route to train on.
-        settings: The method as `model`, and values of its configuration.
+        config: The method and how it is fitted.
         out: The directory of the study.
+        name: Of the run.
         progress: Told of decoding.
-        name: Of the run; empty: the method's.
 
     Raises:
-        ConfigError: A setting is wrong, or an earlier call used others.
+        OtherRunError: An earlier call used other settings or images.
+        InputError: The method cannot be fitted to this route; see `everplace.training.methods.fit_method`.
     """
-    run = run_of(out, name or str(settings["model"]))
-    config = build_config(**settings)
+    run = run_of(out, name)
+    _require_same_run(out, name, config)
+    is_new = not run.exists()
     try:
         fit_method(route, config, run, resume=True, progress=progress, show=True)
-    except ConfigError as error:
-        if not run.exists():
-            raise
-        raise ConfigError(
-            f"{readable(out)} holds a study with other settings; name another --out, or remove it ({error})"
-        ) from None
+    except OtherRunError as error:
+        raise _other_study(out, name, error) from None
+    except InputError:
+        if is_new:  # what it began would refuse other settings, which may be the remedy
+            shutil.rmtree(run, ignore_errors=True)
+        raise
     return open_describer(str(run))
+
+
+def _require_same_run(out: Path, name: str, config: FitConfig) -> None:
+    try:
+        require_usable(run_of(out, name), config, resume=True)
+    except OtherRunError as error:
+        raise _other_study(out, name, error) from None
+
+
+def _other_study(out: Path, name: str, error: OtherRunError) -> OtherRunError:
+    return OtherRunError(
+        f"{readable(out)} holds a study with other settings ({name}: {error.difference}); name another --out, or "
+        "remove it",
+        error.difference,
+    )
 
 
 def _settings_of(method: str, settings: Mapping[str, Any]) -> dict[str, Any]:
