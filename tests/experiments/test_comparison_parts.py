@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.experiments.comparing import MEASURED, OPTIONS, compare
+from tests.experiments.comparing import MEASURED, OPTIONS, compare, refused
 
 from everplace.data.route import open_route
 from everplace.describe.registry import open_describer
@@ -67,6 +67,17 @@ def test_a_finished_comparison_is_read_and_a_method_can_be_added(finished_copy: 
     assert metrics["pairs"][0]["methods"]["sad"]["ms_per_image"] == 12345.0
     assert list(metrics["pairs"][0]["methods"]) == ["hog", "sad"]
     assert list(json.loads((out / "manifest.json").read_text())["methods"]) == ["hog", "sad"]
+
+
+def test_a_comparison_that_failed_at_once_takes_the_repaired_images(tiny_route: Path, tmp_path: Path) -> None:
+    image, out = tiny_route / "winter" / "5.png", tmp_path / "c"
+    whole = image.read_bytes()
+    image.write_bytes(whole[:300])
+    assert "5.png" in refused(tiny_route, out, "--methods", "sad")
+    image.write_bytes(whole)
+    assert list(compare(tiny_route, out, "--methods", "sad")["mean_auc_pr"]) == ["sad"]
+    image.write_bytes(whole + b"a")
+    assert "with other settings (traverses.1.sha256 was" in refused(tiny_route, out, "--methods", "sad")
 
 
 @pytest.mark.slow

@@ -183,7 +183,7 @@ def compare_methods(
     Args:
         study: What the methods share.
         methods: The opened methods; those without a source get no peak memory.
-        out: The directory of the comparison; gets manifest.json at once.
+        out: The directory of the comparison; gets manifest.json as soon as one method is done.
         command: How it was called, for the manifest.
         progress: Told of the describing.
 
@@ -205,12 +205,14 @@ def compare_methods(
     results: dict[str, MethodResult] = {}
     with locked(out):
         remove_leftovers(out)
-        write_text(out / MANIFEST, json.dumps(manifest, indent=2, ensure_ascii=False) + "\n")
         for label, describer in describers.items():
             result = parts[label].load()
             if result is None:
                 result = _run(study, describer, methods.sources.get(label), parts[label], progress)
                 parts[label].save(result)
+            if not results:
+                # Not before anything is done: a manifest refuses other images, such as one that had to be repaired.
+                write_text(out / MANIFEST, json.dumps(manifest, indent=2, ensure_ascii=False) + "\n")
             results[label] = result
     return Comparison(study, results, describers, parts, left_out, manifest)
 
