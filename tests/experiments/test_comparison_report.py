@@ -44,7 +44,21 @@ def test_recipe_and_remedies_are_named_at_every_table(tiny_route: Path, tmp_path
     assert visible(out).count(f"<p>{said}</p>") == 4
     assert "plain: " not in (out / "table.md").read_text("utf-8") + visible(out)
     assert json.loads((out / "metrics.json").read_text())["methods"] == {
-        "mine": {"recipe": "best", "remedies": remedies},
-        "plain": {"recipe": "faithful", "remedies": ""},
-        "hog": {},
+        "mine": {"recipe": "best", "remedies": remedies, "trained_places_tested": 0},
+        "plain": {"recipe": "faithful", "remedies": "", "trained_places_tested": 0},
+        "hog": {"trained_places_tested": 0},
     }
+
+
+@pytest.mark.slow
+def test_testing_on_trained_places_is_recorded(tiny_route: Path, tmp_path: Path) -> None:
+    seen = untrained_run(tmp_path / "seen", trained_stems=["3", "4", "99"], held_out_stems=["5"])
+    other = untrained_run(tmp_path / "other", trained_stems=["99"])
+    out = tmp_path / "out"
+    written(tiny_route, out, seen=seen, other=other)
+    told = json.loads((out / "metrics.json").read_text())["methods"]
+    assert {label: one["trained_places_tested"] for label, one in told.items()} == {"seen": 3, "other": 0}
+    said = "3 of the tested places carry the names of places that seen was trained on or chosen by: if it is the same "
+    for place in ((out / "table.md").read_text("utf-8"), visible(out)):
+        assert said in place
+        assert "that other was trained" not in place

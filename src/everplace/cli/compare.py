@@ -124,11 +124,12 @@ def compare(
 
 
 def _warn_of_seen_places(describers: Mapping[str, Describer], tested: Route) -> None:
+    from everplace.experiments.comparison import seen_sentence
     from everplace.experiments.evaluation import seen_places
 
     for label, describer in describers.items():
         if seen := seen_places(describer, tested):
-            warn(f"{seen} of the tested places carry the names of places that {label} was trained on or chosen by")
+            warn(seen_sentence(label, seen))
 
 
 def _command() -> str:
