@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 from tests.experiments.comparing import compare, refused, untrained_run
 
+from everplace.data.render.config import render_config
+from everplace.data.render.route import render_route
 from everplace.data.route import open_route
 from everplace.errors import CheckpointError, ConfigError
 from everplace.experiments.fitting import fit_and_open
@@ -88,3 +91,37 @@ def test_other_settings_are_refused_before_anything_is_fitted(tiny_route: Path, 
     (out / "runs" / "vae" / "config.toml").write_text("a = [")
     with pytest.raises(CheckpointError, match=r"config\.toml was not written by this version"):
         fit_and_open(route, ["vae", "hog"], "0:8", out, settings=SMALL)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--minutes", "-1"], "minutes: Input should be greater than 0"),
+        (["--minutes", "1", "--epochs", "1"], "give exactly one of epochs and minutes"),
+        (["--image-size", "33", "64"], "33x64 is not a multiple of 32"),
+        (["--seed", str(2**32)], "seed: Input should be less than"),
+    ],
+)
+def test_settings_of_fitting_are_checked_where_nothing_is_fitted(
+    unchanged_tiny_route: Path, tmp_path: Path, options: list[str], says: str
+) -> None:
+    assert says in refused(unchanged_tiny_route, tmp_path / "out", "--methods", "sad", *options)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_method_that_is_fitted_is_added_to_a_comparison_in_which_none_was(tmp_path: Path) -> None:
+    route, out = tmp_path / "route", tmp_path / "out"
+    render_route(route, render_config({"places": 30, "size": (32, 64), "conditions": ("summer", "winter")}))
+    compare(route, out, "--methods", "sad", "--frames", "20:", "--seed", "7")
+    kept = {path: path.stat().st_mtime_ns for path in out.glob("parts/sad-*/*")}
+    fitting = ["--fit-frames", ":16", "--epochs", "1", "--image-size", "32", "32"]
+    metrics = compare(route, out, "--methods", "sad,cae", "--frames", "20:", *fitting)
+    assert list(metrics["mean_auc_pr"]) == ["sad", "cae"]
+    assert {path: path.stat().st_mtime_ns for path in out.glob("parts/sad-*/*")} == kept
+    assert json.loads((out / "manifest.json").read_text())["fit"] == {
+        "frames": ":16", "seed": 0, "epochs": 1, "image_size": [32, 32],
+        "conditions": [], "drop_dark": False, "drop_stationary": False,
+    }  # fmt: skip
+    said = refused(route, out, "--methods", "sad,cae", "--frames", "20:", *fitting, "--seed", "7")
+    assert "holds a study with other settings (cae: seed was 0 and is now 7)" in said

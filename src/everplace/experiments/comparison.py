@@ -225,6 +225,7 @@ def compare_methods(
         **study.document,
         "methods": {label: _told(one) for label, one in describers.items()},
         "left_out": left_out,
+        "fit": methods.fit,
         "command": command,
     }
     parts = {label: Part(out, label, study.key(_told(one))) for label, one in describers.items()}

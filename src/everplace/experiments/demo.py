@@ -97,10 +97,13 @@ def run_demo(
     describers |= {name: open_describer(name) for name in ("sad", "hog")}
     tested = select(route, Selection(parse_frames(settings.tested)), progress)
     sources = {label: str(run_of(out, label)) if label in MODELS else label for label in describers}
-    split = {"frames": settings.tested, "fit_frames": settings.trained}
-    study = open_study(tested, Truth(), Matching(), split=split, progress=progress)
+    study = open_study(tested, Truth(), Matching(), split={"frames": settings.tested}, progress=progress)
     comparison = compare_methods(
-        study, Methods(describers, sources), out, command=details.get("command", ""), progress=progress
+        study,
+        Methods(describers, sources, fit={"frames": settings.trained}),
+        out,
+        command=details.get("command", ""),
+        progress=progress,
     )
     report = write_comparison(
         comparison, out, title="everplace demo: a rendered route, summer and winter", details=details

@@ -20,7 +20,7 @@ from everplace.training.config import FitConfig
 from everplace.training.methods import FITTED_METHODS, build_config, fit_method, require_fittable
 from everplace.training.run_directory import locked, require_usable
 
-__all__ = ["Methods", "fit", "fit_and_open", "run_of", "select_tested"]
+__all__ = ["Methods", "fit", "fit_and_open", "require_fit_settings", "run_of", "select_tested"]
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,22 @@ class Methods:
         describers: By label, in the order of the tables.
         sources: By label, what `open_describer` takes to open the method again.
         left_out: By label, methods that could not be opened or fitted, with the reason.
+        fit: With what some of them were fitted, as plain values for manifest.json; empty if none was.
     """
 
     describers: dict[str, Describer]
     sources: dict[str, str] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
+    fit: dict[str, Any] = field(default_factory=dict)
+
+
+def require_fit_settings(settings: Mapping[str, Any]) -> None:
+    """Makes sure that values of `TrainConfig` are in their ranges, whether a method that takes them is chosen or not.
+
+    Raises:
+        ConfigError: One is not; the message names it.
+    """
+    build_config(**settings, model="vae")  # which takes every setting that a comparison gives
 
 
 def select_tested(
@@ -122,6 +133,7 @@ def fit_and_open(
         {label: opened[method] for method, label in found.items()},
         {label: str(run_of(out, method)) if method in configs else method for method, label in found.items()},
         left_out,
+        {"seed": 0, **settings, "frames": fit_frames} if set(configs) & set(found) else {},
     )
 
 
