@@ -22,6 +22,8 @@ from everplace.training.run_directory import locked, require_usable
 
 __all__ = ["Methods", "fit", "fit_and_open", "require_fit_settings", "run_of", "select_tested"]
 
+_FIT_FRAMES = "--fit-frames"
+
 
 @dataclass(frozen=True)
 class Methods:
@@ -62,13 +64,13 @@ def select_tested(
         progress: Told of the decoding that a filter needs.
 
     Raises:
-        ConfigError: There is no method, or a model is to be fitted without --fit-frames or on tested places.
+        ConfigError: There is no method, or a model is to be fitted without --fit-frames, on tested places or on none.
         RouteError: Nothing is left of the route.
     """
     if not methods:
         raise ConfigError("--methods names no method; give run directories, sad, hog, ..., separated by commas")
     if fit_frames:
-        parse_frames(fit_frames)
+        parse_frames(fit_frames, _FIT_FRAMES)
     fitted = [method for method in methods if method in FITTED_METHODS]
     if route.matched_by_stem:
         tested = select_maps(route, selection, progress)
@@ -250,7 +252,12 @@ def _require_apart(route: Route, frames: slice | None, fit_frames: str, fitted: 
         raise ConfigError(f"{', '.join(fitted)} must be fitted: give --fit-frames A:B, places that --frames leaves out")
     total = min(len(traverse) for traverse in route.traverses)
     tested = range(total)[frames if frames is not None else slice(None)]
-    both = set(tested).intersection(range(total)[parse_frames(fit_frames)])
+    fitted_on = range(total)[parse_frames(fit_frames, _FIT_FRAMES)]
+    if not fitted_on:
+        raise ConfigError(
+            f"{_FIT_FRAMES} {fit_frames} holds no place, as {readable(route.root)} has only {total}; begin lower"
+        )
+    both = set(tested).intersection(fitted_on)
     if both:
         raise ConfigError(
             f"--fit-frames {fit_frames} and --frames share {len(both)} places, from {min(both)} to {max(both)}; "
