@@ -62,3 +62,13 @@ def test_testing_on_trained_places_is_recorded(tiny_route: Path, tmp_path: Path)
     for place in ((out / "table.md").read_text("utf-8"), visible(out)):
         assert said in place
         assert "that other was trained" not in place
+
+
+def test_a_bar_in_a_name_begins_no_cell(tiny_route: Path, tmp_path: Path) -> None:
+    comparison = written(tiny_route, tmp_path / "out", **{"a|b": "sad"})
+    header, _ = comparison.table()
+    rows = [line for line in (tmp_path / "out" / "table.md").read_text("utf-8").splitlines() if "b |" in line]
+    assert len(rows) == 2
+    for row in rows:
+        assert row.startswith("| a\\|b | ")
+        assert row.count(" |") == len(header)

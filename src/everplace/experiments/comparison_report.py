@@ -157,4 +157,5 @@ def _markdown_table(header: Sequence[str], rows: Sequence[Sequence[Cell]]) -> li
 def _cell(value: Cell) -> str:
     if value is None:
         return "\N{EN DASH}"
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
+    # A bar would begin another cell.
+    return f"{value:.3f}" if isinstance(value, float) else str(value).replace("|", "\\|")
