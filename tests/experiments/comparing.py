@@ -39,9 +39,10 @@ def refused(route: Path, out: Path, *options: str) -> str:
     return line
 
 
-def untrained_run(run: Path, kind: Literal["vae", "cae"] = "cae", **about: Any) -> Path:
+def untrained_run(run: Path, kind: Literal["vae", "cae", "c-vae"] = "cae", **about: Any) -> Path:
     """A run directory with a small model that nobody trained, of which the checkpoint says `about`."""
-    config = ModelConfig(kind=kind, height=32, width=32, fully_connected=False)
+    conditions = ("summer", "winter") if kind == "c-vae" else ()
+    config = ModelConfig(kind=kind, height=32, width=32, conditions=conditions, fully_connected=False)
     with torch.random.fork_rng():
         torch.manual_seed(0)
         model = ConditionVAE(config)

@@ -18,7 +18,7 @@ from everplace.data.route import open_route
 from everplace.describe.registry import open_describer
 from everplace.evaluate.audit import Audit, Probe
 from everplace.evaluate.scores import evaluate, precision_recall
-from everplace.experiments.comparison_parts import MethodResult, PairResult, Part
+from everplace.experiments.comparison_parts import MethodResult, PairResult, Part, keep_pictures
 
 
 def result(audit: Audit | None = None) -> MethodResult:
@@ -127,3 +127,22 @@ def test_an_audit_is_kept(tmp_path: Path) -> None:
     back = part.load()
     assert back is not None
     assert back.audit == audit
+
+
+def test_pictures_of_an_earlier_call_are_removed_and_no_other_file(tmp_path: Path) -> None:
+    out = tmp_path / "c"
+    out.mkdir()
+    keep_pictures(out, [])
+    assert not list(out.iterdir())
+    for name in ("a-swap.png", "b-swap.png", "mine-swap.png", "../other.png"):
+        (out / name).write_bytes(b"")
+    keep_pictures(out, ["a-swap.png", "b-swap.png"])
+    keep_pictures(out, ["b-swap.png"])
+    assert sorted(path.name for path in out.glob("*.png")) == ["b-swap.png", "mine-swap.png"]
+    (out / "parts" / "pictures.json").write_text('["../other.png", "gone.png", ".", "..", "b-swap.png"]')
+    keep_pictures(out, [])
+    assert [path.name for path in out.glob("*.png")] == ["mine-swap.png"]
+    assert (tmp_path / "other.png").exists()
+    (out / "parts" / "pictures.json").write_text("damaged")
+    keep_pictures(out, [])
+    assert (out / "mine-swap.png").exists()

@@ -72,3 +72,13 @@ def test_a_bar_in_a_name_begins_no_cell(tiny_route: Path, tmp_path: Path) -> Non
     for row in rows:
         assert row.startswith("| a\\|b | ")
         assert row.count(" |") == len(header)
+
+
+@pytest.mark.slow
+def test_pictures_of_a_model_that_is_no_longer_compared_are_removed(tiny_route: Path, tmp_path: Path) -> None:
+    run, out = untrained_run(tmp_path / "run", "c-vae"), tmp_path / "out"
+    written(tiny_route, out, run=run, sad="sad")
+    assert {path.name for path in out.glob("run-*")} == {"run-swap.png", "run-constant.png", "run-translation.png"}
+    (out / "run-mine.png").write_bytes(b"")
+    written(tiny_route, out, sad="sad")
+    assert [path.name for path in out.glob("run-*")] == ["run-mine.png"]

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from everplace.describe.methods.vae import VAEDescriber
 from everplace.experiments.comparison import COSTS, SCORES, Cell, Comparison
-from everplace.experiments.comparison_parts import PairResult
+from everplace.experiments.comparison_parts import PairResult, keep_pictures
 from everplace.experiments.latent_report import audit_section, latent_section
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.pictures import match_figure, matrix_figure
@@ -31,7 +31,9 @@ _MOST_COLUMNS = 8
 
 
 def write_comparison(comparison: Comparison, out: Path, *, title: str, details: dict[str, str]) -> Report:
-    """Writes metrics.json, table.md, pr_curves.png and report.html into a directory.
+    """Writes metrics.json, table.md, pr_curves.png, report.html and pictures of each model's latent into a directory.
+
+    Pictures of models that are no longer compared are removed.
 
     Returns:
         The report as written, so that a caller may add sections and write it again.
@@ -56,9 +58,12 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
         section = report.section("Leakage audit")
         _say_remarks(section, comparison)
         audit_section(section, comparison.audits)
+    pictures: list[str] = []
     for label, describer in comparison.describers.items():
         if isinstance(describer, VAEDescriber) and route.aligned:
-            latent_section(report.section(f"What the latent of {label} holds"), describer, route, out, f"{label}-")
+            section = report.section(f"What the latent of {label} holds")
+            pictures += latent_section(section, describer, route, out, f"{label}-")
+    keep_pictures(out, pictures)
     _how(report, comparison)
     write_text(out / "table.md", _markdown(comparison))
     write_text(out / "metrics.json", json.dumps(comparison.metrics(), indent=2) + "\n")
