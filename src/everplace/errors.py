@@ -6,6 +6,7 @@ the class's status.
     EverplaceError
     ├── InputError                  bad usage or bad input, exit status 2
     │   ├── ConfigError             an option, a TOML file or a value in it
+    │   │   └── OtherRunError       a run directory holds another run than the one to continue
     │   ├── RouteError              the structure of a route: folders, stems, conditions, poses
     │   ├── ImageError              one image file that cannot be decoded
     │   ├── DescriptorsError        a descriptor file or array
@@ -32,6 +33,7 @@ __all__ = [
     "MachineError",
     "MethodError",
     "MissingExtraError",
+    "OtherRunError",
     "RouteError",
     "StorageError",
 ]
@@ -55,6 +57,18 @@ class InputError(EverplaceError):
 
 class ConfigError(InputError):
     """An option, a TOML file or a value in it is wrong."""
+
+
+class OtherRunError(ConfigError):
+    """A run directory holds another run than the one that is to be continued.
+
+    Attributes:
+        difference: What differs, such as "epochs was 1 and is now 2".
+    """
+
+    def __init__(self, message: str, difference: str) -> None:
+        super().__init__(message)
+        self.difference = difference
 
 
 class RouteError(InputError):

@@ -6,9 +6,15 @@ import contextlib
 import io
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+import torch
 
 from everplace.cli import main
+from everplace.model.architecture import ConditionVAE
+from everplace.model.checkpoint import save_checkpoint
+from everplace.model.config import ModelConfig
+from everplace.training.config import TrainConfig, write_config
 
 OPTIONS = ("--methods", "sad,hog", "--frames", "2:", "--seed", "3")
 """Those of the comparison that tests share."""
@@ -31,6 +37,19 @@ def refused(route: Path, out: Path, *options: str) -> str:
     assert status == 2, err
     (line,) = err.strip().splitlines()
     return line
+
+
+def untrained_run(run: Path, kind: Literal["vae", "cae", "c-vae"] = "cae", **about: Any) -> Path:
+    """A run directory with a small model that nobody trained, of which the checkpoint says `about`."""
+    conditions = ("summer", "winter") if kind == "c-vae" else ()
+    config = ModelConfig(kind=kind, height=32, width=32, conditions=conditions, fully_connected=False)
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        model = ConditionVAE(config)
+        model.initialise()
+    save_checkpoint(run, model.eval(), about)
+    write_config(run, TrainConfig.build(model=kind, epochs=1))
+    return run
 
 
 def _call(route: Path, out: Path, *options: str) -> tuple[int, str]:

@@ -92,7 +92,17 @@ def test_a_misspelt_method_is_an_error(tiny_route: Path, tmp_path: Path) -> None
         fit_and_open(open_route(tiny_route), ["hog", "nonesuch"], "", tmp_path / "out", settings={})
 
 
-@pytest.mark.parametrize(("fit", "test", "says"), [("", "6:", "--fit-frames"), ("0:8", "6:", "share 2 places")])
+@pytest.mark.parametrize(
+    ("fit", "test", "says"),
+    [
+        ("", "6:", "--fit-frames"),
+        ("0:8", "6:", "share 2 places"),
+        ("30:40", "6:", "--fit-frames 30:40 holds no place, as .*tiny has only 12; begin lower"),
+        ("4-9", "6:", "--fit-frames '4-9' is not A:B"),
+        ("4:2", "6:", "--fit-frames '4:2' holds no place"),
+        ("9" * 5000 + ":", "6:", "--fit-frames holds a number"),
+    ],
+)
 def test_a_model_is_not_fitted_on_tested_places(tiny_route: Path, fit: str, test: str, says: str) -> None:
     selection = Selection(parse_frames(test))
     with pytest.raises(ConfigError, match=says):

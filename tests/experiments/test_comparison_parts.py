@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.experiments.comparing import MEASURED, OPTIONS, compare
+from tests.experiments.comparing import MEASURED, OPTIONS, compare, refused
 
 from everplace.data.route import open_route
 from everplace.describe.registry import open_describer
 from everplace.evaluate.audit import Audit, Probe
 from everplace.evaluate.scores import evaluate, precision_recall
-from everplace.experiments.comparison_parts import MethodResult, PairResult, Part
+from everplace.experiments.comparison_parts import MethodResult, PairResult, Part, keep_pictures
 
 
 def result(audit: Audit | None = None) -> MethodResult:
@@ -69,6 +69,17 @@ def test_a_finished_comparison_is_read_and_a_method_can_be_added(finished_copy: 
     assert list(json.loads((out / "manifest.json").read_text())["methods"]) == ["hog", "sad"]
 
 
+def test_a_comparison_that_failed_at_once_takes_the_repaired_images(tiny_route: Path, tmp_path: Path) -> None:
+    image, out = tiny_route / "winter" / "5.png", tmp_path / "c"
+    whole = image.read_bytes()
+    image.write_bytes(whole[:300])
+    assert "5.png" in refused(tiny_route, out, "--methods", "sad")
+    image.write_bytes(whole)
+    assert list(compare(tiny_route, out, "--methods", "sad")["mean_auc_pr"]) == ["sad"]
+    image.write_bytes(whole + b"a")
+    assert "with other settings (traverses.1.sha256 was" in refused(tiny_route, out, "--methods", "sad")
+
+
 @pytest.mark.slow
 def test_a_comparison_killed_at_any_moment_continues(tiny_route: Path, tmp_path: Path) -> None:
     out = tmp_path / "killed"
@@ -117,3 +128,22 @@ def test_an_audit_is_kept(tmp_path: Path) -> None:
     back = part.load()
     assert back is not None
     assert back.audit == audit
+
+
+def test_pictures_of_an_earlier_call_are_removed_and_no_other_file(tmp_path: Path) -> None:
+    out = tmp_path / "c"
+    out.mkdir()
+    keep_pictures(out, [])
+    assert not list(out.iterdir())
+    for name in ("a-swap.png", "b-swap.png", "mine-swap.png", "../other.png"):
+        (out / name).write_bytes(b"")
+    keep_pictures(out, ["a-swap.png", "b-swap.png"])
+    keep_pictures(out, ["b-swap.png"])
+    assert sorted(path.name for path in out.glob("*.png")) == ["b-swap.png", "mine-swap.png"]
+    (out / "parts" / "pictures.json").write_text('["../other.png", "gone.png", ".", "..", "b-swap.png"]')
+    keep_pictures(out, [])
+    assert [path.name for path in out.glob("*.png")] == ["mine-swap.png"]
+    assert (tmp_path / "other.png").exists()
+    (out / "parts" / "pictures.json").write_text("damaged")
+    keep_pictures(out, [])
+    assert (out / "mine-swap.png").exists()

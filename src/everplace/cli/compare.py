@@ -95,7 +95,7 @@ def compare(
     from everplace.data.selection import Selection, parse_frames
     from everplace.experiments.comparison import compare_methods
     from everplace.experiments.comparison_report import write_comparison
-    from everplace.experiments.fitting import fit_and_open, select_tested
+    from everplace.experiments.fitting import fit_and_open, require_fit_settings, select_tested
     from everplace.experiments.manifest import open_study, require_same_study
     from everplace.experiments.retrieval import Matching, Truth
 
@@ -104,17 +104,16 @@ def compare(
     chosen = opened.choose(names) if names else opened
     wanted = [name for name in methods.split(",") if name]
     selection = Selection(parse_frames(frames) if frames else None, drop_dark, drop_stationary)
+    chosen_by = {"conditions": names, "drop_dark": drop_dark, "drop_stationary": drop_stationary}
+    given = {"image_size": image_size, "grey": grey or None, "seed": seed, "epochs": epochs, "minutes": minutes}
+    settings = {**chosen_by, **{key: value for key, value in given.items() if value is not None}}
+    require_fit_settings(settings)
     tested = select_tested(chosen, wanted, selection, fit_frames, show_progress())
-    given = {
-        "image_size": image_size, "grey": grey or None, "seed": seed, "epochs": epochs, "minutes": minutes,
-        "drop_dark": drop_dark or None, "drop_stationary": drop_stationary or None, "conditions": names or None,
-    }  # fmt: skip
-    settings = {key: value for key, value in given.items() if value is not None}
     study = open_study(
         tested,
         Truth(tolerance, radius),
         Matching(how, sequence, search),
-        split={**given, "seed": seed or 0, "frames": frames, "fit_frames": fit_frames},
+        split={**chosen_by, "frames": frames},
         progress=show_progress(),
     )
     require_same_study(out, study)
@@ -133,11 +132,12 @@ def compare(
 
 
 def _warn_of_seen_places(describers: Mapping[str, Describer], tested: Route) -> None:
+    from everplace.experiments.comparison import seen_sentence
     from everplace.experiments.evaluation import seen_places
 
     for label, describer in describers.items():
         if seen := seen_places(describer, tested):
-            warn(f"{seen} of the tested places carry the names of places that {label} was trained on or chosen by")
+            warn(seen_sentence(label, seen))
 
 
 def _command() -> str:

@@ -57,23 +57,27 @@ class Selection:
     drop_stationary: bool = False
 
 
-def parse_frames(text: str) -> slice:
+def parse_frames(text: str, option: str = "--frames") -> slice:
     """Reads `A:B`; either side may be left out.
+
+    Args:
+        text: What was given.
+        option: What it was given by, for the messages.
 
     Raises:
         ConfigError: It is anything else, a number is negative, or A is not below B.
     """
     match = _FRAMES.fullmatch(text.strip())
     if match is None:
-        raise ConfigError(f"--frames {text!r} is not A:B with two positions from 0 on, like 0:1600, 1620: or :500")
+        raise ConfigError(f"{option} {text!r} is not A:B with two positions from 0 on, like 0:1600, 1620: or :500")
     try:
         start, stop = (int(side) if side else None for side in match.groups())
     except ValueError as error:  # Python reads numbers of up to some thousand digits
         raise ConfigError(
-            f"--frames holds a number of thousands of digits ({len(text)} characters in all); give positions of frames"
+            f"{option} holds a number of thousands of digits ({len(text)} characters in all); give positions of frames"
         ) from error
     if stop is not None and (start or 0) >= stop:
-        raise ConfigError(f"--frames {text!r} holds no place; the first position must be below the second")
+        raise ConfigError(f"{option} {text!r} holds no place; the first position must be below the second")
     return slice(start, stop)
 
 

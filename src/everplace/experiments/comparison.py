@@ -20,8 +20,9 @@ from everplace.describe.protocol import Describer
 from everplace.errors import ConfigError, MethodError
 from everplace.evaluate.audit import Audit
 from everplace.experiments.comparison_parts import MethodResult, PairResult, Part, remove_leftovers
-from everplace.experiments.evaluation import audit_pair
+from everplace.experiments.evaluation import audit_pair, seen_places
 from everplace.experiments.fitting import Methods
+from everplace.experiments.ingredients import ingredient_metrics, named_ingredients
 from everplace.experiments.manifest import MANIFEST, Study, require_same_study
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, pair_of, retrieve, true_matches
 from everplace.files import write_text
@@ -29,7 +30,7 @@ from everplace.match.standardise import standardisable
 from everplace.progress import Progress, quiet
 from everplace.training.run_directory import locked
 
-__all__ = ["COSTS", "SCORES", "Cell", "Comparison", "compare_methods"]
+__all__ = ["COSTS", "SCORES", "Cell", "Comparison", "compare_methods", "seen_sentence"]
 
 SCORES = ("recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP")
 """Columns of the tables, in the order of `Comparison.table`."""
@@ -99,6 +100,27 @@ class Comparison:
         }
 
     @property
+    def remarks(self) -> list[str]:
+        """What must stand at every table, one line each.
+
+        What a run has that the paper's model has not, and of how many places the scores are no test.
+        """
+        named = {label: named_ingredients(one.settings()) for label, one in self.describers.items()}
+        told = [f"{label}: {ingredients}" for label, ingredients in named.items() if ingredients is not None]
+        seen = [
+            f"{seen_sentence(label, count)}: if it is the same route, its scores say how well it remembers them, not "
+            "how well it recognises."
+            for label, count in self.trained_places.items()
+            if count
+        ]
+        return told + seen
+
+    @property
+    def trained_places(self) -> dict[str, int]:
+        """By label, how many of the tested stems the method was trained on or chosen by."""
+        return {label: seen_places(one, self.route) for label, one in self.describers.items()}
+
+    @property
     def notes(self) -> list[str]:
         """What else a reader must know, one sentence each."""
         return [one.unmeasured for one in self.methods.values() if one.unmeasured]
@@ -133,6 +155,13 @@ class Comparison:
                 }
                 for (query, database), results in self.results.items()
             ],
+            "methods": {
+                label: {
+                    **ingredient_metrics(self.describers[label].settings()),
+                    "trained_places_tested": count,
+                }
+                for label, count in self.trained_places.items()
+            },
             "mean_auc_pr": {label: self.mean("auc_pr", label) for label in self.methods},
             "audit": {label: one.to_dict() for label, one in self.audits.items()},
             "left_out": self.left_out,
@@ -165,6 +194,11 @@ class Comparison:
         )  # fmt: skip
 
 
+def seen_sentence(label: str, count: int) -> str:
+    """Says that the scores of a method are no test of `count` places; without a full stop."""
+    return f"{count} of the tested places carry the names of places that {label} was trained on or chosen by"
+
+
 def compare_methods(
     study: Study, methods: Methods, out: Path, *, command: str = "", progress: Progress = quiet
 ) -> Comparison:
@@ -175,7 +209,7 @@ def compare_methods(
     Args:
         study: What the methods share.
         methods: The opened methods; those without a source get no peak memory.
-        out: The directory of the comparison; gets manifest.json at once.
+        out: The directory of the comparison; gets manifest.json as soon as one method is done.
         command: How it was called, for the manifest.
         progress: Told of the describing.
 
@@ -191,18 +225,21 @@ def compare_methods(
         **study.document,
         "methods": {label: _told(one) for label, one in describers.items()},
         "left_out": left_out,
+        "fit": methods.fit,
         "command": command,
     }
     parts = {label: Part(out, label, study.key(_told(one))) for label, one in describers.items()}
     results: dict[str, MethodResult] = {}
     with locked(out):
         remove_leftovers(out)
-        write_text(out / MANIFEST, json.dumps(manifest, indent=2, ensure_ascii=False) + "\n")
         for label, describer in describers.items():
             result = parts[label].load()
             if result is None:
                 result = _run(study, describer, methods.sources.get(label), parts[label], progress)
                 parts[label].save(result)
+            if not results:
+                # Not before anything is done: a manifest refuses other images, such as one that had to be repaired.
+                write_text(out / MANIFEST, json.dumps(manifest, indent=2, ensure_ascii=False) + "\n")
             results[label] = result
     return Comparison(study, results, describers, parts, left_out, manifest)
 

@@ -2,7 +2,7 @@
 
 `DIR/parts/<label>-<key>/` holds `descriptors-<n>.h5` of the n-th traverse as soon as it is described, and `result.json`
 when all pairs are scored. The key is the hash of the study and of the method's settings (`Study.key`), so a part never
-goes stale; every file appears whole, by rename.
+goes stale; every file appears whole, by rename. `DIR/parts/pictures.json` lists the pictures of single methods in DIR.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,17 +22,18 @@ from everplace.data.traverse import Traverse
 from everplace.describe.descriptors import Descriptors, load_descriptors
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.protocol import Describer
-from everplace.errors import DescriptorsError
+from everplace.errors import DescriptorsError, StorageError
 from everplace.evaluate.audit import Audit
 from everplace.evaluate.scores import PrecisionRecall, Scores
-from everplace.files import write_text
+from everplace.files import readable, write_text
 from everplace.progress import Progress, quiet
 
-__all__ = ["PARTS", "MethodResult", "PairResult", "Part", "remove_leftovers"]
+__all__ = ["PARTS", "MethodResult", "PairResult", "Part", "keep_pictures", "remove_leftovers"]
 
 PARTS = "parts"
 
 _RESULT = "result.json"
+_PICTURES = "pictures.json"
 _COSTS = ("dimension", "ms_per_image", "peak_memory_mb", "unmeasured")
 
 
@@ -140,8 +142,39 @@ class Part:
 
 def remove_leftovers(out: Path) -> None:
     """Removes what a process that was killed had begun to write (see `files.whole_file`)."""
-    for leftover in sorted((out / PARTS).glob("*/.*.part.*")):
-        leftover.unlink(missing_ok=True)
+    for pattern in (".*.part.*", "*/.*.part.*"):
+        for leftover in sorted((out / PARTS).glob(pattern)):
+            leftover.unlink(missing_ok=True)
+
+
+def keep_pictures(out: Path, names: Sequence[str]) -> None:
+    """Removes the pictures that an earlier call wrote and that are none of these, which are noted for the next.
+
+    Args:
+        out: The directory of the comparison.
+        names: PNG files in it.
+
+    Raises:
+        StorageError: Something cannot be removed or written.
+    """
+    record = out / PARTS / _PICTURES
+    try:
+        before = TypeAdapter(list[str]).validate_json(record.read_bytes())
+    except (OSError, ValidationError):
+        before = []
+    for name in sorted(set(before) - set(names)):
+        # A name of any other kind was not written here: the record was altered.
+        if Path(name).name == name and name.endswith(".png"):
+            _remove(out / name)
+    if before or names:
+        write_text(record, json.dumps(list(names), ensure_ascii=False) + "\n")
+
+
+def _remove(path: Path) -> None:
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise StorageError(f"cannot remove {readable(path)}: {error.strerror}; remove it by hand") from error
 
 
 def _pair_document(query: str, database: str, result: PairResult) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from everplace.describe.methods.vae import VAEDescriber
 from everplace.experiments.comparison import COSTS, SCORES, Cell, Comparison
-from everplace.experiments.comparison_parts import PairResult
+from everplace.experiments.comparison_parts import PairResult, keep_pictures
 from everplace.experiments.latent_report import audit_section, latent_section
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.pictures import match_figure, matrix_figure
@@ -19,7 +19,7 @@ from everplace.files import write_text
 from everplace.plots.canvas import new_figure, save_figure
 from everplace.plots.curves import draw_precision_recall_panels
 from everplace.plots.interactive import precision_recall_figure
-from everplace.report.html import Report
+from everplace.report.html import Report, Section
 
 __all__ = ["write_comparison"]
 
@@ -31,7 +31,9 @@ _MOST_COLUMNS = 8
 
 
 def write_comparison(comparison: Comparison, out: Path, *, title: str, details: dict[str, str]) -> Report:
-    """Writes metrics.json, table.md, pr_curves.png and report.html into a directory.
+    """Writes metrics.json, table.md, pr_curves.png, report.html and pictures of each model's latent into a directory.
+
+    Pictures of models that are no longer compared are removed.
 
     Returns:
         The report as written, so that a caller may add sections and write it again.
@@ -53,10 +55,15 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
     for pair, results in comparison.results.items():
         _pair_section(report, comparison, pair, results)
     if comparison.audits:
-        audit_section(report.section("Leakage audit"), comparison.audits)
+        section = report.section("Leakage audit")
+        _say_remarks(section, comparison)
+        audit_section(section, comparison.audits)
+    pictures: list[str] = []
     for label, describer in comparison.describers.items():
         if isinstance(describer, VAEDescriber) and route.aligned:
-            latent_section(report.section(f"What the latent of {label} holds"), describer, route, out, f"{label}-")
+            section = report.section(f"What the latent of {label} holds")
+            pictures += latent_section(section, describer, route, out, f"{label}-")
+    keep_pictures(out, pictures)
     _how(report, comparison)
     write_text(out / "table.md", _markdown(comparison))
     write_text(out / "metrics.json", json.dumps(comparison.metrics(), indent=2) + "\n")
@@ -70,6 +77,7 @@ def _summary(report: Report, comparison: Comparison, panels: Figure) -> None:
     section.table(
         header, rows, caption="Means over all ordered pairs of conditions.", best=dict.fromkeys(SCORES, "highest")
     )
+    _say_remarks(section, comparison)
     for method, reason in comparison.left_out.items():
         section.paragraph(f"{method} was left out: {reason}")
     for note in comparison.notes:
@@ -79,6 +87,11 @@ def _summary(report: Report, comparison: Comparison, panels: Figure) -> None:
         alt=f"Precision-recall curves of {len(comparison.methods)} methods, a panel for each ordered pair.",
         caption="Precision-recall curves: the frames of one condition looked for in another.",
     )
+
+
+def _say_remarks(section: Section, comparison: Comparison) -> None:
+    for remark in comparison.remarks:
+        section.paragraph(remark)
 
 
 def _how(report: Report, comparison: Comparison) -> None:
@@ -101,6 +114,7 @@ def _pair_section(
     )
     header, rows = comparison.table(names)
     section.table(header, rows, best=dict.fromkeys(SCORES, "highest"))
+    _say_remarks(section, comparison)
     many = len(comparison.results) > _FEW_PAIRS
     for label in _shown(comparison, areas)[-1 if many else 0 :]:
         retrieval = comparison.retrieval(pair, label)
@@ -131,9 +145,10 @@ def _markdown(comparison: Comparison) -> str:
     for query, database in comparison.results:
         table = comparison.table((query, database))
         lines += [f"**{query} against {database}**", "", *_markdown_table(*table), ""]
+    lines += [f"{remark}  " for remark in comparison.remarks]
     lines += [f"{method} was left out: {reason}  " for method, reason in comparison.left_out.items()]
     lines += [f"{note}  " for note in comparison.notes]
-    if comparison.left_out or comparison.notes:
+    if comparison.remarks or comparison.left_out or comparison.notes:
         lines += [""]
     lines += [f"{name}: {DEFINITIONS[name]}  " for name in COSTS]
     return "\n".join(lines).rstrip() + "\n"
@@ -147,4 +162,5 @@ def _markdown_table(header: Sequence[str], rows: Sequence[Sequence[Cell]]) -> li
 def _cell(value: Cell) -> str:
     if value is None:
         return "\N{EN DASH}"
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
+    # A bar would begin another cell.
+    return f"{value:.3f}" if isinstance(value, float) else str(value).replace("|", "\\|")

@@ -22,6 +22,7 @@ from everplace.model.checkpoint import load_checkpoint
 from everplace.plots.canvas import new_figure
 from everplace.plots.training import draw_training
 from everplace.progress import Progress, quiet
+from everplace.training.methods import build_config
 from everplace.training.metrics import read_metrics
 
 __all__ = ["DemoSettings", "run_demo"]
@@ -89,17 +90,20 @@ def run_demo(
     chosen = {}
     for label, model in MODELS.items():
         run = run_of(out, label)
-        wanted = {**model, "frames": settings.trained, "image_size": settings.seen, "epochs": settings.epochs}
-        describers[label] = fit(route, wanted, out, progress, name=label)
+        config = build_config(**model, frames=settings.trained, image_size=settings.seen, epochs=settings.epochs)
+        describers[label] = fit(route, config, out, label, progress)
         curves[label] = read_metrics(run)
         chosen[label] = load_checkpoint(run).about["epoch"]
     describers |= {name: open_describer(name) for name in ("sad", "hog")}
     tested = select(route, Selection(parse_frames(settings.tested)), progress)
     sources = {label: str(run_of(out, label)) if label in MODELS else label for label in describers}
-    split = {"frames": settings.tested, "fit_frames": settings.trained}
-    study = open_study(tested, Truth(), Matching(), split=split, progress=progress)
+    study = open_study(tested, Truth(), Matching(), split={"frames": settings.tested}, progress=progress)
     comparison = compare_methods(
-        study, Methods(describers, sources), out, command=details.get("command", ""), progress=progress
+        study,
+        Methods(describers, sources, fit={"frames": settings.trained}),
+        out,
+        command=details.get("command", ""),
+        progress=progress,
     )
     report = write_comparison(
         comparison, out, title="everplace demo: a rendered route, summer and winter", details=details

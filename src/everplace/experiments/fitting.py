@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import os
+import shutil
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,12 +13,16 @@ from everplace.data.route import Route
 from everplace.data.selection import Selection, parse_frames, select, select_maps
 from everplace.describe.protocol import Describer
 from everplace.describe.registry import method_names, open_describer
-from everplace.errors import ConfigError, MethodError
+from everplace.errors import CheckpointError, ConfigError, InputError, MethodError, OtherRunError
 from everplace.files import readable
 from everplace.progress import Progress, quiet
-from everplace.training.methods import FITTED_METHODS, build_config, fit_method
+from everplace.training.config import FitConfig
+from everplace.training.methods import FITTED_METHODS, build_config, fit_method, require_fittable
+from everplace.training.run_directory import locked, require_usable
 
-__all__ = ["Methods", "fit", "fit_and_open", "run_of", "select_tested"]
+__all__ = ["Methods", "fit", "fit_and_open", "require_fit_settings", "run_of", "select_tested"]
+
+_FIT_FRAMES = "--fit-frames"
 
 
 @dataclass(frozen=True)
@@ -26,12 +32,23 @@ class Methods:
     Attributes:
         describers: By label, in the order of the tables.
         sources: By label, what `open_describer` takes to open the method again.
-        left_out: Methods that could not be opened, with the reason.
+        left_out: By label, methods that could not be opened or fitted, with the reason.
+        fit: With what some of them were fitted, as plain values for manifest.json; empty if none was.
     """
 
     describers: dict[str, Describer]
     sources: dict[str, str] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
+    fit: dict[str, Any] = field(default_factory=dict)
+
+
+def require_fit_settings(settings: Mapping[str, Any]) -> None:
+    """Makes sure that values of `TrainConfig` are in their ranges, whether a method that takes them is chosen or not.
+
+    Raises:
+        ConfigError: One is not; the message names it.
+    """
+    build_config(**settings, model="vae")  # which takes every setting that a comparison gives
 
 
 def select_tested(
@@ -47,13 +64,13 @@ def select_tested(
         progress: Told of the decoding that a filter needs.
 
     Raises:
-        ConfigError: There is no method, or a model is to be fitted without --fit-frames or on tested places.
+        ConfigError: There is no method, or a model is to be fitted without --fit-frames, on tested places or on none.
         RouteError: Nothing is left of the route.
     """
     if not methods:
         raise ConfigError("--methods names no method; give run directories, sad, hog, ..., separated by commas")
     if fit_frames:
-        parse_frames(fit_frames)
+        parse_frames(fit_frames, _FIT_FRAMES)
     fitted = [method for method in methods if method in FITTED_METHODS]
     if route.matched_by_stem:
         tested = select_maps(route, selection, progress)
@@ -80,20 +97,53 @@ def fit_and_open(
         route: The chosen traverses, all of their places.
         methods: Run directories, or names of methods.
         fit_frames: `A:B`, the places to fit on, apart from the tested ones (see `select_tested`).
-        out: The directory of the comparison.
+        out: The directory of the comparison; made when something is fitted.
         settings: Values of `TrainConfig` for the networks that are fitted; FAB-MAP takes its own of them, and looks
             at images as they are stored.
         progress: Told of decoding.
 
     Raises:
-        ConfigError: A setting is wrong, an earlier call used others, or no method can run.
+        ConfigError: A setting is wrong, an earlier call used others, no method can run, or `out` is in use.
         MethodError: There is no such method.
+        CheckpointError: A run directory is damaged.
+        MachineError: Fitting failed, and not by its input.
     """
-    describers: dict[str, Describer] = {}
-    sources: dict[str, str] = {}
-    left_out: dict[str, str] = {}
+    labels = _labels(methods)
+    opened, left_out = _open(labels, progress)
+    configs: dict[str, FitConfig] = {}
+    for method in labels:
+        if method in FITTED_METHODS:
+            configs[method] = build_config(**_settings_of(method, settings), model=method, frames=fit_frames)
+    for method, config in configs.items():
+        _require_same_run(out, method, config)
+    # Before anything is fitted, which takes long.
+    unfit = {method: reason for method, config in configs.items() if (reason := _why_not(route, config, progress))}
+    left_out |= {labels[method]: reason for method, reason in unfit.items()}
+    if len(unfit) < len(configs):
+        # Another process that fits here is waited for, and then refused: its methods are no left-out ones.
+        with locked(out):
+            for method in [one for one in configs if one not in unfit]:
+                made = _fit_or_reason(route, configs[method], out, method, progress)
+                if isinstance(made, str):
+                    left_out[labels[method]] = made
+                else:
+                    opened[method] = made
+    if not opened:
+        raise ConfigError(f"--methods {','.join(methods)}: none of them can run: {'; '.join(left_out.values())}")
+    found = {method: label for method, label in labels.items() if method in opened}
+    return Methods(
+        {label: opened[method] for method, label in found.items()},
+        {label: str(run_of(out, method)) if method in configs else method for method, label in found.items()},
+        left_out,
+        {"seed": 0, **settings, "frames": fit_frames} if set(configs) & set(found) else {},
+    )
+
+
+def _open(labels: Mapping[str, str], progress: Progress) -> tuple[dict[str, Describer], dict[str, str]]:
+    """Opens the methods that need no fitting; the reasons of those that cannot run are by label."""
     opened: dict[str, Describer] = {}
-    for method in methods:  # before anything is fitted, which takes long
+    left_out: dict[str, str] = {}
+    for method, label in labels.items():
         if method in FITTED_METHODS:
             continue
         try:
@@ -101,18 +151,27 @@ def fit_and_open(
         except MethodError as error:
             if method.partition(":")[0] not in method_names():
                 raise
-            left_out[method] = str(error)
-    for method in methods:
-        if method in FITTED_METHODS:
-            own = {**_settings_of(method, settings), "model": method, "frames": fit_frames}
-            describers[method] = fit(route, own, out, progress)
-            sources[method] = str(run_of(out, method))
-        elif method in opened:
-            label = _label(method, describers)
-            describers[label], sources[label] = opened[method], method
-    if not describers:
-        raise ConfigError(f"--methods {','.join(methods)}: none of them can run: {'; '.join(left_out.values())}")
-    return Methods(describers, sources, left_out)
+            left_out[label] = str(error)
+    return opened, left_out
+
+
+def _why_not(route: Route, config: FitConfig, progress: Progress) -> str:
+    """Why a method cannot be fitted, if that can be known before; else nothing."""
+    try:
+        require_fittable(route, config, progress)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def _fit_or_reason(route: Route, config: FitConfig, out: Path, method: str, progress: Progress) -> Describer | str:
+    """A fitted method, or why it could not be fitted to this route; what is wrong with `out` is no such reason."""
+    try:
+        return fit(route, config, out, method, progress)
+    except (OtherRunError, CheckpointError):
+        raise
+    except InputError as error:
+        return str(error)
 
 
 def run_of(out: Path, method: str) -> Path:
@@ -120,32 +179,47 @@ def run_of(out: Path, method: str) -> Path:
     return out / "runs" / method
 
 
-def fit(
-    route: Route, settings: Mapping[str, Any], out: Path, progress: Progress = quiet, *, name: str = ""
-) -> Describer:
+def fit(route: Route, config: FitConfig, out: Path, name: str, progress: Progress = quiet) -> Describer:
     """Fits a method into `out`/runs, or goes on where an earlier call with the same settings stood.
 
     Args:
         route: The route to train on.
-        settings: The method as `model`, and values of its configuration.
+        config: The method and how it is fitted.
         out: The directory of the study.
+        name: Of the run.
         progress: Told of decoding.
-        name: Of the run; empty: the method's.
 
     Raises:
-        ConfigError: A setting is wrong, or an earlier call used others.
+        OtherRunError: An earlier call used other settings or images.
+        InputError: The method cannot be fitted to this route; see `everplace.training.methods.fit_method`.
     """
-    run = run_of(out, name or str(settings["model"]))
-    config = build_config(**settings)
+    run = run_of(out, name)
+    _require_same_run(out, name, config)
+    is_new = not run.exists()
     try:
         fit_method(route, config, run, resume=True, progress=progress, show=True)
-    except ConfigError as error:
-        if not run.exists():
-            raise
-        raise ConfigError(
-            f"{readable(out)} holds a study with other settings; name another --out, or remove it ({error})"
-        ) from None
+    except OtherRunError as error:
+        raise _other_study(out, name, error) from None
+    except InputError:
+        if is_new:  # what it began would refuse other settings, which may be the remedy
+            shutil.rmtree(run, ignore_errors=True)
+        raise
     return open_describer(str(run))
+
+
+def _require_same_run(out: Path, name: str, config: FitConfig) -> None:
+    try:
+        require_usable(run_of(out, name), config, resume=True)
+    except OtherRunError as error:
+        raise _other_study(out, name, error) from None
+
+
+def _other_study(out: Path, name: str, error: OtherRunError) -> OtherRunError:
+    return OtherRunError(
+        f"{readable(out)} holds a study with other settings ({name}: {error.difference}); name another --out, or "
+        "remove it",
+        error.difference,
+    )
 
 
 def _settings_of(method: str, settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -154,13 +228,23 @@ def _settings_of(method: str, settings: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in settings.items() if method != "fabmap" or name in shared}
 
 
-def _label(method: str, taken: Collection[str]) -> str:
-    """A short name for the tables: of a run directory its last part, made unique."""
-    name = Path(method).name if Path(method).is_dir() else method
-    label, number = name, 2
-    while label in taken:
-        label, number = f"{name}-{number}", number + 1
-    return label
+def _labels(methods: Sequence[str]) -> dict[str, str]:
+    """By method, each counted once, a short name for the tables: of a run directory its last part, made unique."""
+    labels: dict[str, str] = {}
+    for method in dict.fromkeys(methods):
+        # os.path answers False where pathlib raises: an argument too long for a path.
+        is_run = method not in FITTED_METHODS and os.path.isdir(method)  # noqa: PTH112
+        name = _directory_name(Path(method)) if is_run else method
+        label, number = name, 2
+        while label in labels.values():
+            label, number = f"{name}-{number}", number + 1
+        labels[method] = label
+    return labels
+
+
+def _directory_name(path: Path) -> str:
+    """The last part of a directory's path; where that is no name, as of "." and "..", the one it stands for."""
+    return readable(path.name if path.name not in ("", "..") else path.resolve().name or str(path))
 
 
 def _require_apart(route: Route, frames: slice | None, fit_frames: str, fitted: Sequence[str]) -> None:
@@ -168,7 +252,12 @@ def _require_apart(route: Route, frames: slice | None, fit_frames: str, fitted: 
         raise ConfigError(f"{', '.join(fitted)} must be fitted: give --fit-frames A:B, places that --frames leaves out")
     total = min(len(traverse) for traverse in route.traverses)
     tested = range(total)[frames if frames is not None else slice(None)]
-    both = set(tested).intersection(range(total)[parse_frames(fit_frames)])
+    fitted_on = range(total)[parse_frames(fit_frames, _FIT_FRAMES)]
+    if not fitted_on:
+        raise ConfigError(
+            f"{_FIT_FRAMES} {fit_frames} holds no place, as {readable(route.root)} has only {total}; begin lower"
+        )
+    both = set(tested).intersection(fitted_on)
     if both:
         raise ConfigError(
             f"--fit-frames {fit_frames} and --frames share {len(both)} places, from {min(both)} to {max(both)}; "

@@ -70,22 +70,28 @@ def audit_section(section: Section, audits: dict[str, Audit]) -> None:
                 section.figure(draw(audit, f"{label}: {title}"), alt=f"{label}: {title}. {caption}", caption=caption)
 
 
-def latent_section(section: Section, describer: VAEDescriber, route: Route, out: Path, prefix: str = "") -> None:
-    """Figures 6 to 9 of the paper and a translation strip for a model and a route; the pictures also go into `out`."""
+def latent_section(section: Section, describer: VAEDescriber, route: Route, out: Path, prefix: str = "") -> list[str]:
+    """Figures 6 to 9 of the paper and a translation strip for a model and a route; the pictures also go into `out`.
+
+    Returns:
+        The names of the files in `out`, each with the prefix; none for a plain VAE.
+    """
     model = describer.checkpoint.model
     if not model.config.labelled:
         section.paragraph(
             f"The latent of a {model.config.kind} has no z_p and z_c, so there is nothing to put together anew."
         )
-        return
+        return []
     route = route.at(route.shared_stems())
     swap, constant, translation = (
         swap_figure(model, route),
         constant_figure(model, route),
         translation_figure(model, route),
     )
-    for name, figure in (("swap", swap), ("constant", constant), ("translation", translation)):
-        save_figure(figure, out / f"{prefix}{name}.png")
+    pictures = {"swap": swap, "constant": constant, "translation": translation}
+    files = {f"{prefix}{name}.png": figure for name, figure in pictures.items()}
+    for file, figure in files.items():
+        save_figure(figure, out / file)
     section.figure(
         swap,
         alt="Images decoded from z_p of one frame and z_c of another.",
@@ -104,6 +110,7 @@ def latent_section(section: Section, describer: VAEDescriber, route: Route, out:
         caption="A frame translated into every condition by its z_p and the condition's mean z_c, above the true "
         "frames of the same place.",
     )
+    return list(files)
 
 
 def _condition_figure(audit: Audit, title: str) -> Figure:

@@ -1,7 +1,7 @@
 """What a comparison is made of: DIR/manifest.json says enough for another person to get the same numbers.
 
 What all methods share is the study: route, truth, match, split, versions. One directory holds one study. Methods may
-be added to it, taken away, or trained anew.
+be added to it, taken away, or trained anew, also methods that are fitted to one where none was.
 """
 
 from __future__ import annotations
@@ -47,11 +47,12 @@ DEFINITIONS = {
 }
 """One sentence for every score and cost, by its column in the tables."""
 
-_FORMAT = 1
+_FORMAT = 2
 _LIBRARIES = (
     "everplace", "h5py", "lightning", "numpy", "onnxruntime", "pillow", "safetensors", "scikit-learn", "scipy", "torch",
 )  # fmt: skip
-_NOT_OF_THE_STUDY = ("methods", "left_out", "command")
+_NOT_OF_THE_STUDY = ("methods", "left_out", "fit", "command")
+"""With what methods are fitted stands in the config.toml of their runs, and other values are refused there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +91,7 @@ def open_study(
         route: The traverses, after selection.
         truth: When a match is right; what it leaves open comes from the route.
         matching: Options of the match.
-        split: How the places were chosen, and with what methods are fitted; plain values.
+        split: How the places were chosen, as plain values.
         progress: Told of the files read.
 
     Raises:

@@ -27,7 +27,15 @@ from everplace.model.config import ModelConfig
 from everplace.progress import Progress, quiet
 from everplace.training.callbacks import RunKeeper, TrainingDisplay
 from everplace.training.config import TrainConfig
-from everplace.training.frames import Batch, EpochOrder, SplitRoute, TrainingFrames, fingerprint, split_route
+from everplace.training.frames import (
+    Batch,
+    EpochOrder,
+    SplitRoute,
+    TrainingFrames,
+    fingerprint,
+    require_enough_frames,
+    split_route,
+)
 from everplace.training.module import BoundModule
 from everplace.training.pairs import make_frames, make_order, require_shares
 from everplace.training.place_projection import fit_place_projection
@@ -37,7 +45,7 @@ from everplace.training.selection import select_route
 from everplace.training.state import ResumeState, RunProgress, require_fitting, save_state
 from everplace.training.validation import criterion_name
 
-__all__ = ["GRADIENT_NORM", "TrainSummary", "bf16_is_fast", "train"]
+__all__ = ["GRADIENT_NORM", "TrainSummary", "bf16_is_fast", "require_trainable", "train"]
 
 GRADIENT_NORM = 5.0
 
@@ -111,9 +119,7 @@ def train(
         StorageError: The run directory cannot be written to.
     """
     require_usable(out, config, resume)
-    chosen = select_route(route, config, progress)
-    # Said before the frames are decoded, which may take hours.
-    _model_config(chosen.conditions, min(map(len, chosen.traverses)), config)
+    chosen = require_trainable(route, config, progress)
     split = split_route(chosen, config, progress)
     model_config = _model_config(split.conditions, split.places, config)
     frames = make_frames(split, config)
@@ -140,6 +146,24 @@ def train(
         str(out), config.model, config.recipe, tuple(config.remedies_in_use()), end.epoch, end.seconds, len(frames),
         split.places, split.conditions, criterion_name(split, config), end.best_epoch, end.best_value,
     )  # fmt: skip
+
+
+def require_trainable(route: Route, config: TrainConfig, progress: Progress = quiet) -> Route:
+    """What of a route a model is trained on, before its frames are decoded, which may take hours.
+
+    Args:
+        route: An opened route; the configuration chooses from it.
+        config: What is to be trained.
+        progress: Told of the decoding that a filter needs.
+
+    Raises:
+        RouteError: The route does not have what the model needs.
+        ConfigError: The conditions do not suit the model.
+    """
+    chosen = select_route(route, config, progress)
+    _model_config(chosen.conditions, min(map(len, chosen.traverses)), config)
+    require_enough_frames(chosen, config)
+    return chosen
 
 
 def bf16_is_fast(device: str) -> bool:

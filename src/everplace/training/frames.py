@@ -18,12 +18,22 @@ from everplace.data.augment import Augmentation, augment, augmentation_rng
 from everplace.data.images import ImageSpec
 from everplace.data.pack import pack
 from everplace.data.route import Route
+from everplace.data.traverse import Traverse
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.progress import Progress, quiet
 from everplace.training.config import TrainConfig
 
-__all__ = ["Batch", "EpochOrder", "FrameBlock", "SplitRoute", "TrainingFrames", "fingerprint", "split_route"]
+__all__ = [
+    "Batch",
+    "EpochOrder",
+    "FrameBlock",
+    "SplitRoute",
+    "TrainingFrames",
+    "fingerprint",
+    "require_enough_frames",
+    "split_route",
+]
 
 _FRAMES_A_BLOCK = 256
 
@@ -99,19 +109,35 @@ def split_route(route: Route, config: TrainConfig, progress: Progress = quiet) -
     training: list[FrameBlock] = []
     held_out: list[FrameBlock] = []
     for traverse in route.traverses:
-        total = len(traverse)
-        kept_out = max(2, round(config.held_out * total))
-        end = total - kept_out - config.held_out_gap
-        if end < 2:
-            raise RouteError(
-                f"traverse {readable(traverse.name)} has {total} frames to train on, too few to hold out {kept_out} "
-                f"behind a gap of {config.held_out_gap}; add frames or set held_out and held_out_gap lower"
-            )
+        parts = _parts(traverse, config)
         packed = pack(traverse, spec, progress=progress)
         condition = conditions.index(traverse.condition)
-        for blocks, part in ((training, slice(end)), (held_out, slice(total - kept_out, total))):
+        for blocks, part in zip((training, held_out), parts, strict=True):
             blocks.append(FrameBlock(packed.pixels[part], condition, packed.stems[part]))
     return SplitRoute(conditions, tuple(training), tuple(held_out), route.aligned)
+
+
+def require_enough_frames(route: Route, config: TrainConfig) -> None:
+    """Makes sure that a block can be held out of every traverse, before any frame is decoded.
+
+    Raises:
+        RouteError: A traverse has too few frames.
+    """
+    for traverse in route.traverses:
+        _parts(traverse, config)
+
+
+def _parts(traverse: Traverse, config: TrainConfig) -> tuple[slice, slice]:
+    """Which frames of a traverse the gradient sees, and which choose the epoch."""
+    total = len(traverse)
+    kept_out = max(2, round(config.held_out * total))
+    end = total - kept_out - config.held_out_gap
+    if end < 2:
+        raise RouteError(
+            f"traverse {readable(traverse.name)} has {total} frames to train on, too few to hold out {kept_out} "
+            f"behind a gap of {config.held_out_gap}; add frames or set held_out and held_out_gap lower"
+        )
+    return slice(end), slice(total - kept_out, total)
 
 
 def fingerprint(split: SplitRoute, progress: Progress = quiet) -> str:

@@ -10,12 +10,13 @@ from everplace.errors import ConfigError
 from everplace.model.config import MODEL_KINDS
 from everplace.progress import Progress, quiet
 from everplace.training.config import DEFAULT_EPOCHS, FitConfig, TrainConfig
+from everplace.training.selection import select_route
 
 if TYPE_CHECKING:
     from everplace.training.fabmap import FabMapSummary
     from everplace.training.fit import TrainSummary
 
-__all__ = ["FITTED_METHODS", "build_config", "fit_method"]
+__all__ = ["FITTED_METHODS", "build_config", "fit_method", "require_fittable"]
 
 FITTED_METHODS: tuple[str, ...] = (*MODEL_KINDS, "fabmap")
 """What `everplace train --model` takes."""
@@ -42,6 +43,27 @@ def build_config(**values: Any) -> FitConfig:
     if "epochs" not in values and "minutes" not in values:
         values["epochs"] = DEFAULT_EPOCHS
     return TrainConfig.build(**values)
+
+
+def require_fittable(route: Route, config: FitConfig, progress: Progress = quiet) -> None:
+    """Makes sure of what can be known before a method is fitted; what SIFT finds in the images cannot.
+
+    Args:
+        route: An opened route; the configuration chooses from it.
+        config: As `build_config` made it.
+        progress: Told of the decoding that a filter needs.
+
+    Raises:
+        RouteError: The route does not have what the method needs.
+        ConfigError: The conditions do not suit the method.
+        ImageError: A filter needs a frame that cannot be decoded.
+    """
+    if isinstance(config, TrainConfig):
+        from everplace.training.fit import require_trainable
+
+        require_trainable(route, config, progress)
+    else:
+        select_route(route, config, progress)
 
 
 def fit_method(

@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from everplace.errors import CheckpointError, ConfigError, StorageError
+from everplace.errors import CheckpointError, ConfigError, OtherRunError, StorageError
 from everplace.files import readable
 from everplace.model.checkpoint import CHECKPOINT_NAME
 from everplace.model.tensor_file import has_tensors
@@ -66,7 +66,7 @@ def require_usable(out: Path, config: FitConfig, resume: bool) -> None:
     """Makes sure that a run may be written to `out`, which is left as it is.
 
     Raises:
-        ConfigError: `out` is a file, or holds another run.
+        ConfigError: `out` is a file, or holds another run (OtherRunError if it would be resumed).
         CheckpointError: The configuration of what should be resumed is damaged.
     """
     began = (out / CONFIG_FILE).is_file() or has_tensors(out, CHECKPOINT_NAME)
@@ -90,7 +90,7 @@ def prepare_run(out: Path, config: FitConfig, resume: bool) -> ResumeState | Non
         Where the run stands; None if it starts.
 
     Raises:
-        ConfigError: `out` is a file, or holds another run.
+        ConfigError: `out` is a file, or holds another run (OtherRunError if it would be resumed).
         CheckpointError: What should be resumed is damaged.
         StorageError: The directory cannot be written to.
     """
@@ -112,12 +112,12 @@ def require_same_images(state: ResumeState, images: str, out: Path, route: Path)
         route: Where the images are from.
 
     Raises:
-        ConfigError: They are others.
+        OtherRunError: They are others.
     """
     if state.images and state.images != images:
-        raise ConfigError(
-            f"--out {readable(out)} was trained on other images than {readable(route)}; name another directory, or "
-            "restore the images"
+        difference = f"was trained on other images than {readable(route)}"
+        raise OtherRunError(
+            f"--out {readable(out)} {difference}; name another directory, or restore the images", difference
         )
 
 
@@ -166,10 +166,12 @@ def _of_another_method(error: ValidationError) -> bool:
     return any(one["loc"] == ("model",) and one["type"] == "literal_error" for one in error.errors())
 
 
-def _other_settings(out: Path, name: str, old: object, new: object) -> ConfigError:
-    return ConfigError(
-        f"--resume continues a run with its own settings, but {name} was {old!r} and is now {new!r}; give the "
-        f"same, or another --out than {readable(out)}"
+def _other_settings(out: Path, name: str, old: object, new: object) -> OtherRunError:
+    difference = f"{name} was {old!r} and is now {new!r}"
+    return OtherRunError(
+        f"--resume continues a run with its own settings, but {difference}; give the same, or another --out than "
+        f"{readable(out)}",
+        difference,
     )
 
 

@@ -1,0 +1,84 @@
+"""What a comparison writes beside its numbers."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from tests.experiments.comparing import untrained_run
+
+from everplace.data.route import open_route
+from everplace.describe.registry import open_describer
+from everplace.experiments.comparison import Comparison, compare_methods
+from everplace.experiments.comparison_report import write_comparison
+from everplace.experiments.fitting import Methods
+from everplace.experiments.manifest import open_study
+from everplace.experiments.retrieval import Matching, Truth
+
+
+def written(route: Path, out: Path, **methods: str | Path) -> Comparison:
+    """The comparison of methods by label, written to a directory; no peak memory is measured."""
+    describers = {label: open_describer(str(method)) for label, method in methods.items()}
+    comparison = compare_methods(open_study(open_route(route), Truth(), Matching()), Methods(describers), out)
+    write_comparison(comparison, out, title="c", details={})
+    return comparison
+
+
+def visible(out: Path) -> str:
+    """The text of the report that shows without opening anything."""
+    return re.sub(r"<details.*?</details>", "", (out / "report.html").read_text("utf-8"), flags=re.DOTALL)
+
+
+@pytest.mark.slow
+def test_recipe_and_remedies_are_named_at_every_table(tiny_route: Path, tmp_path: Path) -> None:
+    remedies = "no fully connected chain, free bits (2 nats a dimension)"
+    mine = untrained_run(tmp_path / "mine", "vae", recipe="best", remedies=remedies, seed=1)
+    plain = untrained_run(tmp_path / "plain", recipe="faithful", remedies="", seed=1)
+    out = tmp_path / "out"
+    written(tiny_route, out, mine=mine, plain=plain, hog="hog")
+    said = f"mine: recipe best; remedies: {remedies}"
+    assert said in (out / "table.md").read_text("utf-8").replace("  \n", "\n").splitlines()
+    # Of the summary, of each of the two pairs and of the audit.
+    assert visible(out).count(f"<p>{said}</p>") == 4
+    assert "plain: " not in (out / "table.md").read_text("utf-8") + visible(out)
+    assert json.loads((out / "metrics.json").read_text())["methods"] == {
+        "mine": {"recipe": "best", "remedies": remedies, "trained_places_tested": 0},
+        "plain": {"recipe": "faithful", "remedies": "", "trained_places_tested": 0},
+        "hog": {"trained_places_tested": 0},
+    }
+
+
+@pytest.mark.slow
+def test_testing_on_trained_places_is_recorded(tiny_route: Path, tmp_path: Path) -> None:
+    seen = untrained_run(tmp_path / "seen", trained_stems=["3", "4", "99"], held_out_stems=["5"])
+    other = untrained_run(tmp_path / "other", trained_stems=["99"])
+    out = tmp_path / "out"
+    written(tiny_route, out, seen=seen, other=other)
+    told = json.loads((out / "metrics.json").read_text())["methods"]
+    assert {label: one["trained_places_tested"] for label, one in told.items()} == {"seen": 3, "other": 0}
+    said = "3 of the tested places carry the names of places that seen was trained on or chosen by: if it is the same "
+    for place in ((out / "table.md").read_text("utf-8"), visible(out)):
+        assert said in place
+        assert "that other was trained" not in place
+
+
+def test_a_bar_in_a_name_begins_no_cell(tiny_route: Path, tmp_path: Path) -> None:
+    comparison = written(tiny_route, tmp_path / "out", **{"a|b": "sad"})
+    header, _ = comparison.table()
+    rows = [line for line in (tmp_path / "out" / "table.md").read_text("utf-8").splitlines() if "b |" in line]
+    assert len(rows) == 2
+    for row in rows:
+        assert row.startswith("| a\\|b | ")
+        assert row.count(" |") == len(header)
+
+
+@pytest.mark.slow
+def test_pictures_of_a_model_that_is_no_longer_compared_are_removed(tiny_route: Path, tmp_path: Path) -> None:
+    run, out = untrained_run(tmp_path / "run", "c-vae"), tmp_path / "out"
+    written(tiny_route, out, run=run, sad="sad")
+    assert {path.name for path in out.glob("run-*")} == {"run-swap.png", "run-constant.png", "run-translation.png"}
+    (out / "run-mine.png").write_bytes(b"")
+    written(tiny_route, out, sad="sad")
+    assert [path.name for path in out.glob("run-*")] == ["run-mine.png"]
