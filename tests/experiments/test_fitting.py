@@ -58,8 +58,10 @@ def test_what_a_method_lacks_is_known_before_another_is_fitted(tiny_route: Path,
 @pytest.mark.slow
 def test_drives_that_are_not_aligned_leave_out_what_needs_the_same_places(tiny_route: Path, tmp_path: Path) -> None:
     (tiny_route / "route.toml").write_text("aligned = false\n")
-    ready = fit_and_open(open_route(tiny_route), ["cp-vae", "cae"], "0:8", tmp_path / "out", settings=SMALL)
+    methods = ["fabmap", "cp-vae", "cae"]
+    ready = fit_and_open(open_route(tiny_route), methods, "0:8", tmp_path / "out", settings=SMALL)
     assert list(ready.describers) == ["cae"]
+    assert list(ready.left_out) == ["fabmap", "cp-vae"]  # as they were named
     assert "cp-vae learns from the same places" in ready.left_out["cp-vae"]
 
 

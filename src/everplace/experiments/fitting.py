@@ -128,6 +128,7 @@ def fit_and_open(
                     left_out[labels[method]] = made
                 else:
                     opened[method] = made
+    left_out = {label: left_out[label] for label in labels.values() if label in left_out}
     if not opened:
         raise ConfigError(f"--methods {','.join(methods)}: none of them can run: {'; '.join(left_out.values())}")
     found = {method: label for method, label in labels.items() if method in opened}
