@@ -11,7 +11,7 @@ from tests.experiments.comparing import compare, refused, untrained_run
 from everplace.data.render.config import render_config
 from everplace.data.render.route import render_route
 from everplace.data.route import open_route
-from everplace.errors import CheckpointError, ConfigError
+from everplace.errors import CheckpointError, ConfigError, ImageError
 from everplace.experiments.fitting import fit_and_open
 
 SMALL = {"epochs": 1, "image_size": (32, 32), "held_out_gap": 0, "batch_size": 4, "fully_connected": False}
@@ -78,6 +78,13 @@ def test_a_fit_that_fails_leaves_its_method_out_and_may_be_tried_with_other_sett
     assert [path.name for path in (out / "runs").iterdir()] == ["cae"]
 
 
+def test_a_damaged_image_is_to_be_repaired_and_leaves_no_method_out(tiny_route: Path, tmp_path: Path) -> None:
+    image = tiny_route / "summer" / "0.png"
+    image.write_bytes(image.read_bytes()[:60])
+    with pytest.raises(ImageError, match=r"0\.png"):
+        fit_and_open(open_route(tiny_route), ["cae", "hog"], "0:8", tmp_path / "out", settings=SMALL)
+
+
 @pytest.mark.slow
 def test_other_settings_are_refused_before_anything_is_fitted(tiny_route: Path, tmp_path: Path) -> None:
     route, out = open_route(tiny_route), tmp_path / "out"
@@ -99,7 +106,7 @@ def test_other_settings_are_refused_before_anything_is_fitted(tiny_route: Path, 
     ("options", "says"),
     [
         (["--minutes", "-1"], "minutes: Input should be greater than 0"),
-        (["--minutes", "1", "--epochs", "1"], "give exactly one of epochs and minutes"),
+        (["--minutes", "1", "--epochs", "1"], "--epochs and --minutes exclude each other"),
         (["--image-size", "33", "64"], "33x64 is not a multiple of 32"),
         (["--seed", str(2**32)], "seed: Input should be less than"),
     ],

@@ -13,7 +13,7 @@ from everplace.data.route import Route
 from everplace.data.selection import Selection, parse_frames, select, select_maps
 from everplace.describe.protocol import Describer
 from everplace.describe.registry import method_names, open_describer
-from everplace.errors import CheckpointError, ConfigError, InputError, MethodError, OtherRunError
+from everplace.errors import CheckpointError, ConfigError, ImageError, InputError, MethodError, OtherRunError
 from everplace.files import readable
 from everplace.progress import Progress, quiet
 from everplace.training.config import FitConfig
@@ -106,6 +106,7 @@ def fit_and_open(
         ConfigError: A setting is wrong, an earlier call used others, no method can run, or `out` is in use.
         MethodError: There is no such method.
         CheckpointError: A run directory is damaged.
+        ImageError: An image to fit on cannot be decoded.
         MachineError: Fitting failed, and not by its input.
     """
     labels = _labels(methods)
@@ -166,10 +167,13 @@ def _why_not(route: Route, config: FitConfig, progress: Progress) -> str:
 
 
 def _fit_or_reason(route: Route, config: FitConfig, out: Path, method: str, progress: Progress) -> Describer | str:
-    """A fitted method, or why it could not be fitted to this route; what is wrong with `out` is no such reason."""
+    """A fitted method, or why it could not be fitted to this route.
+
+    What is wrong with `out` is no such reason, nor is a damaged image, which is to be repaired for all methods.
+    """
     try:
         return fit(route, config, out, method, progress)
-    except (OtherRunError, CheckpointError):
+    except (OtherRunError, CheckpointError, ImageError):
         raise
     except InputError as error:
         return str(error)
