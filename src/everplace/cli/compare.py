@@ -132,12 +132,11 @@ def compare(
 
 
 def _warn_of_seen_places(describers: Mapping[str, Describer], tested: Route) -> None:
-    from everplace.experiments.comparison import seen_sentence
-    from everplace.experiments.evaluation import seen_places
+    from everplace.experiments.evaluation import seen_places, seen_sentence
 
     for label, describer in describers.items():
         if seen := seen_places(describer, tested):
-            warn(seen_sentence(label, seen))
+            warn(f"{seen_sentence(label, seen)} Test on others with --frames")
 
 
 def _command() -> str:

@@ -56,7 +56,7 @@ def evaluate(
     require_directory(out)
     from everplace.data.route import open_route
     from everplace.data.selection import Selection, parse_frames
-    from everplace.experiments.evaluation import evaluate_method, write_evaluation
+    from everplace.experiments.evaluation import evaluate_method, seen_sentence, write_evaluation
     from everplace.experiments.retrieval import Matching, Truth
 
     evaluation = evaluate_method(
@@ -70,9 +70,6 @@ def evaluate(
         progress=show_progress(),
     )
     if evaluation.trained_places:
-        warn(
-            f"{evaluation.trained_places} of the tested places carry the names of places that {method} was trained on "
-            "or chosen by; test on others with --frames if it is the same route"
-        )
+        warn(f"{seen_sentence(method, evaluation.trained_places)} Test on others with --frames")
     write_evaluation(evaluation, out, details=provenance())
     show_result(evaluation.metrics(), as_json)

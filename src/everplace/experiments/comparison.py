@@ -20,7 +20,7 @@ from everplace.describe.protocol import Describer
 from everplace.errors import ConfigError, MethodError
 from everplace.evaluate.audit import Audit
 from everplace.experiments.comparison_parts import MethodResult, PairResult, Part, remove_leftovers
-from everplace.experiments.evaluation import audit_pair, seen_places
+from everplace.experiments.evaluation import audit_pair, seen_places, seen_sentence
 from everplace.experiments.fitting import Methods
 from everplace.experiments.ingredients import ingredient_metrics, named_ingredients
 from everplace.experiments.manifest import MANIFEST, Study, require_same_study
@@ -30,7 +30,7 @@ from everplace.match.standardise import standardisable
 from everplace.progress import Progress, quiet
 from everplace.training.run_directory import locked
 
-__all__ = ["COSTS", "SCORES", "Cell", "Comparison", "compare_methods", "seen_sentence"]
+__all__ = ["COSTS", "SCORES", "Cell", "Comparison", "compare_methods"]
 
 SCORES = ("recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP")
 """Columns of the tables, in the order of `Comparison.table`."""
@@ -107,12 +107,7 @@ class Comparison:
         """
         named = {label: named_ingredients(one.settings()) for label, one in self.describers.items()}
         told = [f"{label}: {ingredients}" for label, ingredients in named.items() if ingredients is not None]
-        seen = [
-            f"{seen_sentence(label, count)}: if it is the same route, its scores say how well it remembers them, not "
-            "how well it recognises."
-            for label, count in self.trained_places.items()
-            if count
-        ]
+        seen = [seen_sentence(label, count) for label, count in self.trained_places.items() if count]
         return told + seen
 
     @property
@@ -192,11 +187,6 @@ class Comparison:
             self.describers[label], pair, matches, self.matching, described=described,
             ms_per_image=self.methods[label].ms_per_image,
         )  # fmt: skip
-
-
-def seen_sentence(label: str, count: int) -> str:
-    """Says that the scores of a method are no test of `count` places; without a full stop."""
-    return f"{count} of the tested places carry the names of places that {label} was trained on or chosen by"
 
 
 def compare_methods(

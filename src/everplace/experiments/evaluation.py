@@ -32,6 +32,7 @@ __all__ = [
     "evaluate_method",
     "score_facts",
     "seen_places",
+    "seen_sentence",
     "write_evaluation",
 ]
 
@@ -121,6 +122,14 @@ def seen_places(describer: Describer, route: Route) -> int:
     return len(stems & describer.seen_stems)
 
 
+def seen_sentence(label: str, count: int) -> str:
+    """Says that the scores of a method are no test of `count` places."""
+    return (
+        f"{count} of the tested places carry the names of places that {label} was trained on or chosen by: if it is the "
+        "same route, its scores say how well it remembers them, not how well it recognises."
+    )
+
+
 def audit_pair(describer: Describer, route: Route, truth: Truth, progress: Progress = quiet) -> Audit | None:
     """The leakage audit on the places that all traverses of a route share; None where it has no meaning."""
     shared = route.shared_stems()
@@ -157,10 +166,7 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
     if named is not None:
         section.paragraph(f"This run is not the paper's model alone: {named}.")
     if evaluation.trained_places:
-        section.paragraph(
-            f"{evaluation.trained_places} of these places carry the names of places that the model was trained on or "
-            "chosen by: if it is the same route, the scores say how well it remembers them, not how well it recognises."
-        )
+        section.paragraph(seen_sentence(result.method, evaluation.trained_places))
     section.facts(score_facts(result))
     section.chart(
         precision_recall_figure({result.method: result.curve}, areas={result.method: result.scores.auc_pr}),
