@@ -125,8 +125,8 @@ def seen_places(describer: Describer, route: Route) -> int:
 def seen_sentence(label: str, count: int) -> str:
     """Says that the scores of a method are no test of `count` places."""
     return (
-        f"{count} of the tested places carry the names of places that {label} was trained on or chosen by: if it is the "
-        "same route, its scores say how well it remembers them, not how well it recognises."
+        f"{count} of the tested places carry the names of places that {label} was trained on or chosen by: if it is "
+        "the same route, its scores say how well it remembers them, not how well it recognises."
     )
 
 
