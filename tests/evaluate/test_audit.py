@@ -273,6 +273,7 @@ def test_with_one_condition_there_is_nothing_to_probe_or_swap(pixel_model: Condi
         "kl",
         "kl_per_dimension",
         "places",
+        "tolerance",
         "frames",
         "divided",
     }
