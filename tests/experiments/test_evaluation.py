@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from PIL import Image
 
 from everplace.data.route import open_route
 from everplace.data.selection import Selection
-from everplace.experiments.evaluation import evaluate_method, write_evaluation
+from everplace.experiments.evaluation import Evaluation, evaluate_method, write_evaluation
 from everplace.experiments.retrieval import Matching, Truth
 from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import save_checkpoint
@@ -36,36 +35,35 @@ def route(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def evaluated(route: Path, out: Path, about: dict[str, str], truth: Truth) -> tuple[dict[str, Any], str]:
-    """Metrics and page of an untrained network whose checkpoint says this of itself."""
+def evaluated(route: Path, run: Path, about: dict[str, str], truth: Truth) -> Evaluation:
+    """An untrained network, whose checkpoint says this of itself, between the two conditions."""
     settings = {"kind": "cp-vae", "height": 32, "width": 32, "channels": 1, "conditions": ("day", "night")}
     config = ModelConfig.model_validate({**settings, "places": 3, "fully_connected": False})
-    save_checkpoint(out / "run", ConditionVAE(config), about)
-    write_config(out / "run", TrainConfig.build(model="cp-vae", epochs=1))
-    evaluation = evaluate_method(
-        open_route(route), str(out / "run"), query="day", database="night", selection=Selection(), truth=truth,
+    save_checkpoint(run, ConditionVAE(config), about)
+    write_config(run, TrainConfig.build(model="cp-vae", epochs=1))
+    return evaluate_method(
+        open_route(route), str(run), query="day", database="night", selection=Selection(), truth=truth,
         matching=Matching(),
     )  # fmt: skip
-    write_evaluation(evaluation, out / "result", details={})
-    return json.loads((out / "result" / "metrics.json").read_text()), (out / "result" / "report.html").read_text()
 
 
-def test_recipe_and_remedies_are_named(route: Path, tmp_path: Path) -> None:
-    about = {"recipe": "best", "remedies": "z_p from oriented gradients; free bits"}
-    metrics, page = evaluated(route, tmp_path, about, Truth(tolerance=1))
+@pytest.mark.parametrize(
+    ("about", "named"),
+    [
+        ({"recipe": "best", "remedies": "free bits"}, "model alone: recipe best; remedies: free bits."),
+        ({"recipe": "faithful", "remedies": ""}, None),
+    ],
+)
+def test_recipe_and_remedies_are_named(route: Path, tmp_path: Path, about: dict[str, str], named: str | None) -> None:
+    write_evaluation(evaluated(route, tmp_path / "run", about, Truth(tolerance=2)), tmp_path, details={})
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    page = (tmp_path / "report.html").read_text()
     assert {key: metrics[key] for key in about} == about
-    assert "not the paper&#x27;s model alone: recipe best; remedies: z_p from oriented gradients; free bits." in page
-
-
-def test_a_faithful_run_is_the_paper_s(route: Path, tmp_path: Path) -> None:
-    metrics, page = evaluated(route, tmp_path, {"recipe": "faithful", "remedies": ""}, Truth(tolerance=1))
-    assert metrics["recipe"] == "faithful"
-    assert metrics["remedies"] == ""
-    assert "the paper&#x27;s model alone" not in page
+    assert ("This run is not the paper" in page) is (named is not None)
+    assert named is None or named in page
+    assert "retrieval counts a match within ±2 places as right" in page
 
 
 @pytest.mark.parametrize(("truth", "within"), [(Truth(tolerance=2), 2), (Truth(radius=25.0), 1)])
 def test_the_audit_says_what_it_counts_as_right(route: Path, tmp_path: Path, truth: Truth, within: int) -> None:
-    metrics, page = evaluated(route, tmp_path, {}, truth)
-    assert metrics["audit"]["tolerance"] == within
-    assert f"retrieval counts a match within ±{within} places as right" in page
+    assert evaluated(route, tmp_path, {}, truth).metrics()["audit"]["tolerance"] == within
