@@ -21,11 +21,11 @@ from everplace.model.bounds import Weights, optimal_log_sigma
 from everplace.model.config import ModelConfig
 from everplace.model.images import to_input
 from everplace.training.config import TrainConfig
-from everplace.training.fit import GRADIENT_NORM, bf16_is_fast
 from everplace.training.frames import EpochOrder, TrainingFrames, split_route
 from everplace.training.module import BoundModule
 from everplace.training.remedies import RemedyTerms
 from everplace.training.terms import bound_terms
+from everplace.training.trainer import GRADIENT_NORM, bf16_is_fast
 
 SIZE = (224, 224)
 BATCH = 32

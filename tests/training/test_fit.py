@@ -22,10 +22,10 @@ from everplace.errors import ConfigError, DivergedError, EverplaceError, RouteEr
 from everplace.model.bounds import Weights
 from everplace.model.checkpoint import load_checkpoint
 from everplace.model.images import to_input
-from everplace.training import fit
+from everplace.training import fit, trainer
 from everplace.training.callbacks import CollapseWarning, RunKeeper
 from everplace.training.config import TrainConfig
-from everplace.training.fit import TrainSummary, bf16_is_fast, train
+from everplace.training.fit import TrainSummary, train
 from everplace.training.frames import fingerprint, split_route
 from everplace.training.metrics import read_metrics
 from everplace.training.module import BoundModule
@@ -370,13 +370,6 @@ def test_a_block_that_collapses_is_warned_of_once(
     assert messages[0].endswith(f"try a lower weights.beta_place, a longer warmup_epochs or a higher weights.{remedy}")
 
 
-def test_bfloat16_is_used_only_where_the_device_multiplies_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx2": True, "avx512_bf16": False}, raising=False)
-    assert not bf16_is_fast("cpu")
-    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx512_bf16": True}, raising=False)
-    assert bf16_is_fast("cpu")
-
-
 def test_training_in_bfloat16_keeps_the_bound_in_float32(
     route: Route, make_config: MakeConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -388,7 +381,7 @@ def test_training_in_bfloat16_keeps_the_bound_in_float32(
         seen.update(parameter.dtype for parameter in module.parameters())
         original(module, terms, *rest)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(fit, "bf16_is_fast", lambda _: True)
+    monkeypatch.setattr(trainer, "bf16_is_fast", lambda _: True)
     monkeypatch.setattr(BoundModule, "_remember", remember)
     train(route, make_config(epochs=1, batch_size=4), tmp_path / "run")
     assert seen == {torch.float32}

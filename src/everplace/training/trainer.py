@@ -1,0 +1,147 @@
+"""How Lightning is driven: on which devices, with which precision, and without its advice on the screen."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+
+import lightning
+import torch
+from lightning.pytorch.loggers import Logger, TensorBoardLogger
+from lightning.pytorch.trainer.states import TrainerStatus
+from torch.utils.data import DataLoader
+
+from everplace.data.images import usable_cores
+from everplace.errors import ConfigError
+from everplace.training.callbacks import RunKeeper, TrainingDisplay
+from everplace.training.config import TrainConfig
+from everplace.training.frames import Batch, EpochOrder, TrainingFrames
+from everplace.training.module import BoundModule
+from everplace.training.state import RunProgress
+
+__all__ = ["GRADIENT_NORM", "bf16_is_fast", "make_trainer", "require_devices", "run_trainer"]
+
+GRADIENT_NORM = 5.0
+
+
+def bf16_is_fast(device: str) -> bool:
+    """Whether the device multiplies bfloat16 in hardware; where it does not, autocast is many times slower."""
+    if device == "cuda":
+        return bool(torch.cuda.is_bf16_supported(including_emulation=False))
+    capabilities = torch.cpu.get_capabilities() if hasattr(torch.cpu, "get_capabilities") else {}
+    return bool(capabilities.get("avx512_bf16") or capabilities.get("amx_bf16") or capabilities.get("bf16"))
+
+
+def require_devices(devices: int) -> None:
+    """Makes sure that the machine has so many devices.
+
+    Raises:
+        ConfigError: It has fewer.
+    """
+    if torch.cuda.is_available() and devices > torch.cuda.device_count():
+        raise ConfigError(
+            f"--devices {devices} was asked for, but this machine has {torch.cuda.device_count()}; give at most that"
+        )
+
+
+def make_trainer(
+    config: TrainConfig, done: RunProgress, keeper: RunKeeper, out: Path, devices: int, nodes: int, *, show: bool
+) -> lightning.Trainer:
+    """Makes the trainer of a run.
+
+    Args:
+        config: The run's configuration.
+        done: How far the run is.
+        keeper: Saves and validates.
+        out: The run directory, for the logs of TensorBoard, where it is installed.
+        devices: Devices of each machine.
+        nodes: Machines.
+        show: Whether progress is shown.
+    """
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    callbacks: list[lightning.Callback] = [keeper]
+    if show:
+        callbacks.append(TrainingDisplay(keeper, config))
+    with _quiet_lightning():
+        return lightning.Trainer(
+            accelerator="gpu" if device == "cuda" else "cpu",
+            devices=devices,
+            num_nodes=nodes,
+            strategy="ddp" if devices * nodes > 1 else "auto",
+            precision="bf16-mixed" if bf16_is_fast(device) else "32-true",
+            max_epochs=config.epochs - done.epoch if config.epochs is not None else -1,
+            gradient_clip_val=GRADIENT_NORM,
+            deterministic="warn" if device == "cuda" else False,
+            logger=_tensorboard(out) or False,
+            callbacks=callbacks,
+            use_distributed_sampler=False,
+            enable_checkpointing=False,
+            enable_progress_bar=False,
+            enable_model_summary=False,
+        )
+
+
+def _tensorboard(out: Path) -> Logger | None:
+    if find_spec("tensorboard") is None:
+        return None
+    return TensorBoardLogger(out, name="tensorboard", version="")
+
+
+def _loader(frames: TrainingFrames, order: EpochOrder) -> DataLoader[Batch]:
+    # On the CPU the network uses all cores itself; a worker would only take one away.
+    workers = min(8, usable_cores()) if torch.cuda.is_available() else 0
+    # The loader draws a seed for its workers each epoch, which they do not use: not from the caller's random numbers.
+    return DataLoader(
+        frames, batch_size=None, sampler=order, num_workers=workers, persistent_workers=False,
+        pin_memory=workers > 0, generator=torch.Generator(),
+    )  # fmt: skip
+
+
+def run_trainer(trainer: lightning.Trainer, module: BoundModule, frames: TrainingFrames, order: EpochOrder) -> None:
+    """Trains a module to the end of its run.
+
+    Args:
+        trainer: Of `make_trainer`.
+        module: What is trained.
+        frames: The training frames.
+        order: In which they come; shared out among the devices here.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C.
+        DivergedError: Training met a number that is not finite.
+    """
+    order.share(trainer.global_rank, trainer.world_size)
+    on_interrupt = signal.getsignal(signal.SIGINT)
+    try:
+        with _quiet_lightning():
+            trainer.fit(module, _loader(frames, order))
+    except SystemExit:
+        # Lightning turns Ctrl-C into exit status 1, and has the process ignore the next one; the command line has its
+        # own answer to it.
+        if trainer.state.status == TrainerStatus.INTERRUPTED:
+            if threading.current_thread() is threading.main_thread():
+                signal.signal(signal.SIGINT, on_interrupt)
+            raise KeyboardInterrupt from None
+        raise
+
+
+@contextmanager
+def _quiet_lightning() -> Iterator[None]:
+    """Keeps Lightning's advice off the screen; what matters to the user is said by everplace."""
+    loggers = [logging.getLogger(name) for name in ("lightning.pytorch", "lightning.fabric")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", module="lightning.*")
+            yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
