@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from everplace.errors import ConfigError
-from everplace.files import write_text
+from everplace.files import remove_leftovers, whole_file, write_text
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no FIFOs in directories")
 
@@ -44,3 +44,21 @@ def test_a_socket_is_refused_and_stays(tmp_path: Path, monkeypatch: pytest.Monke
         with pytest.raises(ConfigError, match=r"socket is a device, a FIFO or a socket"):
             write_text(Path("socket"), "text")
         assert Path("socket").is_socket()
+
+
+def test_only_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
+    below = tmp_path / "below"
+    below.mkdir()
+    for place in (tmp_path, below):
+        with whole_file(place / "a.b.json") as temporary:
+            temporary.write_bytes(b"")
+        for name in (temporary.name, ".notes.part.txt", "a.json", ".x.12-abc.part.json"):
+            (place / name).write_bytes(b"")
+        (place / ".d.12-0123abcd.part").mkdir()
+    with whole_file(tmp_path / "without_suffix") as temporary:
+        temporary.write_bytes(b"")
+    temporary.write_bytes(b"")
+    remove_leftovers(tmp_path, tmp_path / "missing")
+    kept = {".notes.part.txt", "a.json", ".x.12-abc.part.json", ".d.12-0123abcd.part"}
+    assert {path.name for path in tmp_path.iterdir()} == kept | {"below", "a.b.json", "without_suffix"}
+    assert len(list(below.iterdir())) == 6

@@ -17,6 +17,7 @@ __all__ = [
     "cache_directory",
     "is_special",
     "readable",
+    "remove_leftovers",
     "require_free_directory",
     "whole_directory",
     "whole_file",
@@ -25,6 +26,7 @@ __all__ = [
 ]
 
 
+_LEFTOVER = re.compile(r"\..+\.[0-9]+-[0-9a-f]{8}\.part(\.[^.]*)?", re.DOTALL)
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 
 
@@ -85,6 +87,26 @@ def whole_file(path: Path) -> Iterator[Path]:
         raise StorageError(
             f"cannot write {readable(path)}: {_reason(error)}; free space or choose another place"
         ) from error
+
+
+def remove_leftovers(*directories: Path) -> None:
+    """Removes the temporary files of `whole_file` that a process left when it was killed.
+
+    To be called by the one process that may write there: the file of a living one would go too.
+
+    Args:
+        directories: Where to look, not below; they need not exist.
+
+    Raises:
+        StorageError: One cannot be removed.
+    """
+    for directory in directories:
+        for path in sorted(directory.glob(".*.part*")):
+            if _LEFTOVER.fullmatch(path.name) and not path.is_dir():
+                try:
+                    path.unlink(missing_ok=True)
+                except OSError as error:
+                    raise StorageError(f"cannot remove {readable(path)}: {_reason(error)}; remove it by hand") from error
 
 
 @contextlib.contextmanager

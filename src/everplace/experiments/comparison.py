@@ -19,13 +19,13 @@ from everplace.describe.pipeline import time_describer
 from everplace.describe.protocol import Describer
 from everplace.errors import ConfigError, MethodError
 from everplace.evaluate.audit import Audit
-from everplace.experiments.comparison_parts import MethodResult, PairResult, Part, remove_leftovers
+from everplace.experiments.comparison_parts import PARTS, MethodResult, PairResult, Part
 from everplace.experiments.evaluation import audit_pair, seen_places, seen_sentence
 from everplace.experiments.fitting import Methods
 from everplace.experiments.ingredients import ingredient_metrics, named_ingredients
 from everplace.experiments.manifest import MANIFEST, Study, require_same_study
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, pair_of, retrieve, true_matches
-from everplace.files import write_text
+from everplace.files import remove_leftovers, write_text
 from everplace.match.standardise import standardisable
 from everplace.progress import Progress, quiet
 from everplace.training.run_directory import locked
@@ -221,7 +221,7 @@ def compare_methods(
     parts = {label: Part(out, label, study.key(_told(one))) for label, one in describers.items()}
     results: dict[str, MethodResult] = {}
     with locked(out):
-        remove_leftovers(out)
+        remove_leftovers(out, out / PARTS, *(out / PARTS).glob("*"))
         for label, describer in describers.items():
             result = parts[label].load()
             if result is None:

@@ -28,7 +28,7 @@ from everplace.evaluate.scores import PrecisionRecall, Scores
 from everplace.files import readable, write_text
 from everplace.progress import Progress, quiet
 
-__all__ = ["PARTS", "MethodResult", "PairResult", "Part", "keep_pictures", "remove_leftovers"]
+__all__ = ["PARTS", "MethodResult", "PairResult", "Part", "keep_pictures"]
 
 PARTS = "parts"
 
@@ -138,13 +138,6 @@ class Part:
             )
         except (OSError, ValueError, LookupError, TypeError, ValidationError):
             return None
-
-
-def remove_leftovers(out: Path) -> None:
-    """Removes what a process that was killed had begun to write (see `files.whole_file`)."""
-    for pattern in (".*.part.*", "*/.*.part.*"):
-        for leftover in sorted((out / PARTS).glob(pattern)):
-            leftover.unlink(missing_ok=True)
 
 
 def keep_pictures(out: Path, names: Sequence[str]) -> None:

@@ -20,6 +20,7 @@ from everplace.plots.canvas import new_figure, save_figure
 from everplace.plots.curves import draw_precision_recall_panels
 from everplace.plots.interactive import precision_recall_figure
 from everplace.report.html import Report, Section
+from everplace.training.run_directory import locked
 
 __all__ = ["write_comparison"]
 
@@ -39,6 +40,7 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
         The report as written, so that a caller may add sections and write it again.
 
     Raises:
+        ConfigError: Another process writes into the directory.
         StorageError: Writing failed.
     """
     route = comparison.route
@@ -50,24 +52,25 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
     columns = max(2, min(_MOST_COLUMNS, len(route.traverses) - 1))  # a row holds one query condition
     figure = new_figure(max(10.0, 1.9 * columns))
     draw_precision_recall_panels(figure, panels, columns=columns)
-    save_figure(figure, out / "pr_curves.png")
-    _summary(report, comparison, figure)
-    for pair, results in comparison.results.items():
-        _pair_section(report, comparison, pair, results)
-    if comparison.audits:
-        section = report.section("Leakage audit")
-        _say_remarks(section, comparison)
-        audit_section(section, comparison.audits)
-    pictures: list[str] = []
-    for label, describer in comparison.describers.items():
-        if isinstance(describer, VAEDescriber) and route.aligned:
-            section = report.section(f"What the latent of {label} holds")
-            pictures += latent_section(section, describer, route, out, f"{label}-")
-    keep_pictures(out, pictures)
-    _how(report, comparison)
-    write_text(out / "table.md", _markdown(comparison))
-    write_text(out / "metrics.json", json.dumps(comparison.metrics(), indent=2) + "\n")
-    report.write(out / "report.html")
+    with locked(out):
+        save_figure(figure, out / "pr_curves.png")
+        _summary(report, comparison, figure)
+        for pair, results in comparison.results.items():
+            _pair_section(report, comparison, pair, results)
+        if comparison.audits:
+            section = report.section("Leakage audit")
+            _say_remarks(section, comparison)
+            audit_section(section, comparison.audits)
+        pictures: list[str] = []
+        for label, describer in comparison.describers.items():
+            if isinstance(describer, VAEDescriber) and route.aligned:
+                section = report.section(f"What the latent of {label} holds")
+                pictures += latent_section(section, describer, route, out, f"{label}-")
+        keep_pictures(out, pictures)
+        _how(report, comparison)
+        write_text(out / "table.md", _markdown(comparison))
+        write_text(out / "metrics.json", json.dumps(comparison.metrics(), indent=2) + "\n")
+        report.write(out / "report.html")
     return report
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from everplace.errors import CheckpointError, ConfigError, OtherRunError, StorageError
-from everplace.files import readable
+from everplace.files import readable, remove_leftovers
 from everplace.model.checkpoint import CHECKPOINT_NAME
 from everplace.model.tensor_file import has_tensors
 from everplace.training.config import CONFIG_FILE, FitConfig, read_toml, write_config
@@ -97,7 +97,7 @@ def prepare_run(out: Path, config: FitConfig, resume: bool) -> ResumeState | Non
     require_usable(out, config, resume)
     state = load_state(out) if resume else None
     if leads():
-        _remove_leftovers(out)
+        remove_leftovers(out, out / RESUME)
         write_config(out, config)
     return state
 
@@ -173,10 +173,3 @@ def _other_settings(out: Path, name: str, old: object, new: object) -> OtherRunE
         f"{readable(out)}",
         difference,
     )
-
-
-def _remove_leftovers(out: Path) -> None:
-    """Removes what a process that was killed had begun to write (see `files.whole_file`)."""
-    for directory in (out, out / RESUME):
-        for leftover in sorted(directory.glob(".*.part.*")):
-            leftover.unlink(missing_ok=True)
