@@ -96,7 +96,11 @@ def test_a_comparison_killed_at_any_moment_continues(tiny_route: Path, tmp_path:
     assert not any(out.glob("parts/hog-*/result.json"))
     done = {path: (path.stat().st_ino, path.stat().st_mtime_ns) for path in out.glob("parts/sad-*/*")}
     assert len(done) == 3
-    for place in (out, out / "parts", next(out.glob("parts/sad-*"))):  # as a kill in the middle of any write leaves them
+    for place in (
+        out,
+        out / "parts",
+        next(out.glob("parts/sad-*")),
+    ):
         (place / ".manifest.123-0123abcd.part.json").write_text("{")
 
     metrics = compare(tiny_route, out, *options)
