@@ -106,7 +106,9 @@ def remove_leftovers(*directories: Path) -> None:
                 try:
                     path.unlink(missing_ok=True)
                 except OSError as error:
-                    raise StorageError(f"cannot remove {readable(path)}: {_reason(error)}; remove it by hand") from error
+                    raise StorageError(
+                        f"cannot remove {readable(path)}: {_reason(error)}; remove it by hand"
+                    ) from error
 
 
 @contextlib.contextmanager
