@@ -27,6 +27,7 @@ MODELS = (
         outlier=0.05,
         doubt=0.0,
         repeat=3.0,
+        beside=0.2,
     ),
     RouteModel(
         steps=(1.0,), turn=0.01, jump=1e-6, leave=0.5, enter=0.9, separation=4.0, outlier=0.5, doubt=2.0, repeat=1.0
@@ -49,6 +50,12 @@ def transitions(model: RouteModel, places: int) -> NDArray[np.float64]:
     T[off, :off] = model.enter * anywhere(model, places)
     T[off, off] = 1 - model.enter
     return T
+
+
+def worth(model: RouteModel, p: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What every place is worth as an answer: it is right with p, and beside the true place with that of the next."""
+    padded = [0.0, *p, 0.0]
+    return np.array([padded[j] + model.beside * (padded[j - 1] + padded[j + 1]) for j in range(1, len(p) + 1)])
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.match.hidden_markov import MODELS, correlations_of_few_places, drive, forward, shown
+from tests.match.hidden_markov import MODELS, correlations_of_few_places, drive, forward, shown, worth
 
 from everplace.errors import ConfigError, DescriptorsError
 from everplace.match import route_filter
@@ -38,9 +38,9 @@ def test_it_is_the_forward_recursion(frames: int, places: int, seed: int, model:
             answer = online.update(scores)
         known = expected[:places] + expected[places:-1]
         np.testing.assert_allclose(online.probabilities, known)
-        assert answer.probability == pytest.approx(known.max())
+        assert answer.probability == pytest.approx(known[answer.place])
         assert answer.on_map == pytest.approx(1 - expected[-1])
-        assert known[answer.place] == pytest.approx(known.max())
+        assert worth(model, known)[answer.place] == pytest.approx(worth(model, known).max())
 
 
 @settings(max_examples=30, deadline=None)
@@ -55,7 +55,7 @@ def test_a_window_is_a_filter_that_starts_with_it(
     for row in range(frames):
         views = np.unique(shows[: row + 1])[-length:]
         states = forward(model, S[views])[-1]
-        p = states[:places] + states[places:-1]
+        p = worth(model, states[:places] + states[places:-1])
         np.testing.assert_allclose(odds[row], np.log(p / (1 - p)), rtol=1e-4, atol=1e-5)
 
 
@@ -81,7 +81,7 @@ def test_a_window_longer_than_the_traverse_is_all_of_it() -> None:
     online = RouteFilter(9)
     for scores in S:
         online.update(scores)
-    p = online.probabilities
+    p = worth(RouteModel(), online.probabilities)
     np.testing.assert_allclose(filter_windows(S, 500)[-1], np.log(p / (1 - p)), rtol=1e-4)
 
 
@@ -143,6 +143,15 @@ def test_scores_may_be_shifted_and_scaled_frame_by_frame() -> None:
     rng = np.random.default_rng(6)
     other = S * rng.uniform(0.1, 10, (20, 1)) + rng.normal(0, 100, (20, 1))
     np.testing.assert_allclose(filter_windows(other, 10), filter_windows(S, 10), atol=1e-4)
+
+
+def test_of_places_that_look_alike_the_middle_is_the_answer() -> None:
+    S = np.zeros((1, 30))
+    S[0, 10:15] = [1.0, 1.0, 1.0, 1.0, 1.01]
+    assert filter_windows(S, 1, RouteModel(beside=0.0)).argmax() == 14
+    assert filter_windows(S, 1).argmax() == RouteFilter(30).update(S[0]).place == 13
+    S[0, 10:15] = [0.0, 0.0, 2.0, 0.0, 1.0]
+    assert filter_windows(S, 1).argmax() == RouteFilter(30).update(S[0]).place == 12
 
 
 def test_certainty_keeps_its_order() -> None:

@@ -35,6 +35,7 @@ def test_something_happens_with_certainty(model: RouteModel, places: int) -> Non
         ({"separation": -1.0}, "separation"),
         ({"doubt": -0.1}, "doubt"),
         ({"repeat": 0.0}, "repeat"),
+        ({"beside": 1.5}, "beside"),
         ({"forward": 1.0}, "forward"),
     ],
 )

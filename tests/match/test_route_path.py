@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.match.hidden_markov import MODELS, correlations_of_few_places, drive, every_path
+from tests.match.hidden_markov import MODELS, correlations_of_few_places, drive, every_path, worth
 from tests.match.test_route_filter import DRIVES, PLACES
 
 from everplace.match.route_filter import RouteFilter
@@ -26,9 +26,9 @@ def test_smoothing_sums_over_all_paths(frames: int, places: int, seed: int, mode
         answers = smooth_route(S, model, reach=0)
     for frame, answer in enumerate(answers):
         state = paths[:, frame]
-        known = [p[(state == place) | (state == place + places)].sum() for place in range(places)]
-        assert answer.probability == pytest.approx(max(known))
-        assert known[answer.place] == pytest.approx(max(known))
+        known = np.array([p[(state == place) | (state == place + places)].sum() for place in range(places)])
+        assert answer.probability == pytest.approx(known[answer.place])
+        assert worth(model, known)[answer.place] == pytest.approx(worth(model, known).max())
         assert answer.on_map == pytest.approx(p[state < 2 * places].sum())
 
 

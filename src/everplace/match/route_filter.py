@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from everplace.data.images import usable_cores
 from everplace.errors import ConfigError, DescriptorsError
 from everplace.match.frame_change import change_in_steps, new_frames
-from everplace.match.route_model import RouteModel, checked_scores, likelihood_ratios
+from everplace.match.route_model import RouteModel, beside, checked_scores, likelihood_ratios
 
 __all__ = ["Answer", "Belief", "RouteFilter", "answer", "filter_windows"]
 
@@ -28,7 +28,7 @@ class Answer:
     """Where one frame was taken.
 
     Attributes:
-        place: The most probable place, an index into the database.
+        place: The place that is worth most as an answer (`RouteModel.worth`), an index into the database.
         probability: That the frame shows this place or one of its `reach` neighbours on either side, in [0, 1].
         on_map: Probability that the robot is on the map at all, in [0, 1].
     """
@@ -158,7 +158,7 @@ class RouteFilter:
                 self._belief.move(self.model, self._exits)
             self._belief.see(ratios[None])
             self._last = evidence
-        return answer(self.probabilities, self.reach)
+        return answer(self.probabilities, self.model, self.reach)
 
     @property
     def probabilities(self) -> NDArray[np.float64]:
@@ -167,9 +167,9 @@ class RouteFilter:
         return known
 
 
-def answer(probabilities: NDArray[np.float64], reach: int) -> Answer:
+def answer(probabilities: NDArray[np.float64], model: RouteModel, reach: int) -> Answer:
     """Reads an answer off the probabilities of the N places."""
-    place = int(probabilities.argmax())
+    place = int(model.worth(probabilities).argmax())
     near = probabilities[max(place - reach, 0) : place + reach + 1].sum()
     return Answer(place, min(float(near), 1.0), min(float(probabilities.sum()), 1.0))
 
@@ -187,7 +187,8 @@ def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None
         model: The assumptions; None: the defaults.
 
     Returns:
-        M×N: log-odds log(p / (1 - p)) of p = P(the robot is at place j | the last L frames), finite.
+        M×N: log-odds log(w / (1 - w)) of w = p_j + `RouteModel.beside` (p_(j-1) + p_(j+1)), finite, where p_j = P(the
+        robot is at place j | the last L frames).
 
     Raises:
         ConfigError: `length` is below 1.
@@ -208,7 +209,7 @@ def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None
         rows = slice(start, min(start + size, len(new)))
         first = max(start - length + 1, 0)
         ratios = likelihood_ratios(S[new[first : rows.stop]], known)
-        odds = log_odds(_last_frames(ratios, start - first, length, known, exits))
+        odds = log_odds(_last_frames(ratios, start - first, length, known, exits), known)
         out[new[start] : new[rows.stop - 1] + stands[rows.stop - 1]] = odds.repeat(stands[rows], axis=0)
 
     with ThreadPoolExecutor(usable_cores(), "everplace-sequence") as pool:
@@ -217,14 +218,18 @@ def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None
     return out
 
 
-def log_odds(belief: Belief) -> NDArray[np.float64]:
-    """Returns B×N log(p / (1 - p)); 1 - p is summed up from the other states, so that certainty keeps its digits."""
+def log_odds(belief: Belief, model: RouteModel) -> NDArray[np.float64]:
+    """Returns B×N log(w / (1 - w)) of what every place is worth as an answer (`RouteModel.worth`).
+
+    1 - w is summed up from the other states, so that certainty keeps its digits.
+    """
     p = belief.places
     rest = np.zeros_like(p)
-    np.cumsum(p[:, :-1], axis=1, out=rest[:, 1:])
-    rest[:, :-1] += np.cumsum(p[:, :0:-1], axis=1)[:, ::-1]
+    np.cumsum(p[:, :-2], axis=1, out=rest[:, 2:])
+    rest[:, :-2] += np.cumsum(p[:, :1:-1], axis=1)[:, ::-1]
+    rest += (1 - model.beside) * beside(p)
     rest += belief.off[:, None]
-    odds: NDArray[np.float64] = np.log(p) - np.log(rest)
+    odds: NDArray[np.float64] = np.log(model.worth(p)) - np.log(rest)
     return odds
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from everplace.errors import ConfigError, DescriptorsError
 
-__all__ = ["RouteModel", "checked_scores", "likelihood_ratios"]
+__all__ = ["RouteModel", "beside", "checked_scores", "likelihood_ratios"]
 
 _LARGEST = 50.0  # nats a frame may speak for a place: e^50 times a few hundred stays a double
 
@@ -38,6 +38,8 @@ class RouteModel:
             some path scores agree by chance more often than the model's independent frames would.
         repeat: Share of the change that a step along the map brings, below which a frame shows the last one again and
             does not count (`everplace.match.frame_change`).
+        beside: What an answer next to the true place is worth, where the true place is worth 1. Among places that look
+            alike the one in their middle then is the answer, not one at their edge that is a little more probable.
     """
 
     steps: tuple[float, ...] = (0.08, 0.74, 0.18)
@@ -50,13 +52,14 @@ class RouteModel:
     outlier: float = 0.2
     doubt: float = 0.5
     repeat: float = 0.03
+    beside: float = 0.75
 
     def __post_init__(self) -> None:
         """Refuses values that are no probabilities.
 
         Raises:
             ConfigError: A probability is outside (0, 1), `steps` do not sum to 1, `separation` or `repeat` is
-                not positive, or `doubt` is negative.
+                not positive, `doubt` is negative, or `beside` is outside [0, 1].
         """
         for name in ("forward", "turn", "jump", "leave", "enter", "outlier"):
             if not 0 < getattr(self, name) < 1:
@@ -70,6 +73,8 @@ class RouteModel:
                 raise ConfigError(f"{name} = {getattr(self, name)} of the route model must be a positive number")
         if not 0 <= self.doubt < np.inf:
             raise ConfigError(f"doubt = {self.doubt} of the route model must be 0 or a positive number")
+        if not 0 <= self.beside <= 1:
+            raise ConfigError(f"beside = {self.beside} of the route model must lie between 0 and 1")
 
     @property
     def stay(self) -> float:
@@ -91,6 +96,11 @@ class RouteModel:
         mixed += values[..., ::-1, :] * self.turn
         return mixed
 
+    def worth(self, probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns ...×N: what every place is worth as an answer, given the probabilities that it is the true one."""
+        worth: NDArray[np.float64] = probabilities + self.beside * beside(probabilities)
+        return worth
+
     def exits(self, places: int) -> NDArray[np.float64]:
         """Returns 2×N: the probability of leaving the map from every state, by `leave` or past an end."""
         beyond = np.zeros((2, places))
@@ -99,6 +109,14 @@ class RouteModel:
             beyond[1, :offset] += probability
         exits: NDArray[np.float64] = self.leave + self.stay * self.turned(beyond)
         return exits
+
+
+def beside(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns ...×N: the sum of the values of the places before and after each."""
+    both = np.zeros_like(values)
+    both[..., 1:] += values[..., :-1]
+    both[..., :-1] += values[..., 1:]
+    return both
 
 
 def likelihood_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.float64]:

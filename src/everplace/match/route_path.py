@@ -54,7 +54,7 @@ def smooth_route(S: NDArray[Any], model: RouteModel | None = None, *, reach: int
                 later_on, later_off = _look_back(ratios, later_on, later_off, model, exits)
             belief = beliefs[frame - start]
             on, off = belief.on[0] * later_on, float(belief.off[0]) * later_off
-            answers.append(answer(on.sum(axis=0) / (on.sum() + off), reach))
+            answers.append(answer(on.sum(axis=0) / (on.sum() + off), model, reach))
     return [answers[frames - 1 - frame] for frame in _last_new(new, len(S))]
 
 
