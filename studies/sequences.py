@@ -262,7 +262,7 @@ def _by_place(S: NDArray[Any], truth: NDArray[np.bool_], shown: NDArray[np.int64
 
 def _rows(descriptors: Descriptors, rows: NDArray[np.int64]) -> Descriptors:
     names = tuple(f"{position}: {descriptors.names[row]}" for position, row in enumerate(rows))
-    return replace(descriptors, values=descriptors.values[rows], names=names, variance=None)
+    return replace(descriptors, values=descriptors.values[rows], names=names, variance=None, image_names=None)
 
 
 def _score(S: NDArray[Any], truth: NDArray[np.bool_]) -> tuple[float, float]:

@@ -53,6 +53,18 @@ def test_rows_by_name() -> None:
         whole.of(["a", "d"])
 
 
+def test_rows_by_position() -> None:
+    image_names = ("a.png", "b.png", "c.png")
+    whole = example(variance=VALUES + 1, settings={"cell": 8}, image_names=image_names)
+    for frames in ([2, 1], slice(2, 0, -1)):
+        some = whole.take(frames)
+        assert (some.names, some.image_names) == (("c", "Fähre/b"), ("c.png", "b.png"))
+        np.testing.assert_array_equal(some.values, VALUES[[2, 1]])
+        assert some.variance is not None
+        np.testing.assert_array_equal(some.variance, VALUES[[2, 1]] + 1)
+        assert (some.method, some.settings) == ("test", {"cell": 8})
+
+
 def test_the_file_is_the_one_of_the_contract(tmp_path: Path) -> None:
     example(settings={"cell": 8}).save(str(tmp_path / "d.h5"))
     with h5py.File(tmp_path / "d.h5", "r") as file:

@@ -16,7 +16,9 @@ SCORES = arrays(np.float64, st.tuples(st.integers(1, 6), st.integers(1, 6)), ele
 
 
 def described(values: NDArray[np.floating]) -> Descriptors:
-    return Descriptors(values.astype(np.float32), tuple(map(str, range(len(values)))), "test")
+    names = tuple(map(str, range(len(values))))
+    images = tuple(f"{name}.png" for name in names)
+    return Descriptors(values.astype(np.float32), names, "test", image_names=images)
 
 
 def drives(places: NDArray[np.int64], noise: float, seed: int = 0, total: int = 120) -> tuple[Descriptors, Descriptors]:

@@ -96,13 +96,18 @@ class Descriptors:
         for name in names:
             if name not in position:
                 raise DescriptorsError(f"there is no descriptor of the frame {readable(name)!r}; describe it too")
-        rows = [position[name] for name in names]
+        return self.take([position[name] for name in names])
+
+    def take(self, frames: slice | Sequence[int]) -> Descriptors:
+        """The descriptors of the frames at these positions, in the order given; no position twice."""
+        rows = np.arange(len(self))[frames].tolist()
+        image_names = self.image_names
         return replace(
             self,
-            values=self.values[rows],
-            names=tuple(names),
-            variance=None if self.variance is None else self.variance[rows],
-            image_names=None if self.image_names is None else tuple(self.image_names[row] for row in rows),
+            values=self.values[frames],
+            names=tuple(self.names[row] for row in rows),
+            variance=None if self.variance is None else self.variance[frames],
+            image_names=None if image_names is None else tuple(image_names[row] for row in rows),
         )
 
     def _checked(self, array: NDArray[Any], what: str) -> NDArray[np.float32]:

@@ -9,7 +9,7 @@ warping (Sakoe and Chiba, IEEE Trans. ASSP 1978), so a drive may be slower than 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -56,7 +56,7 @@ def thinning(frames: int) -> int:
 def thin(descriptors: Descriptors) -> Thinned:
     """Takes every so many-th frame of a drive."""
     stride = thinning(len(descriptors))
-    return Thinned(_some(descriptors, slice(None, None, stride)) if stride > 1 else descriptors, stride)
+    return Thinned(descriptors.take(slice(None, None, stride)) if stride > 1 else descriptors, stride)
 
 
 def find_path(first: Descriptors, second: Descriptors) -> Assignment:
@@ -162,10 +162,6 @@ def local_path(rows: Iterable[tuple[int, NDArray[np.floating]]]) -> Assignment:
     return _walk_back(steps, end)
 
 
-def _some(descriptors: Descriptors, frames: slice) -> Descriptors:
-    return replace(descriptors, values=descriptors.values[frames], names=descriptors.names[frames], variance=None)
-
-
 def _refine(
     first: Descriptors, second: Descriptors, rough: Assignment, whole: Contrast, strides: tuple[int, int]
 ) -> Assignment:
@@ -183,7 +179,7 @@ def _refine(
             block = slice(top, min(top + _ROWS, end - begin))
             left, right = int(lows[block][0]), int(highs[block][-1])
             frames = slice(begin + block.start, begin + block.stop)
-            S = similarity(_some(first, frames), _some(second, slice(left, right)))
+            S = similarity(first.take(frames), second.take(slice(left, right)))
             scores = (S - row_means[frames, None] - column_means[left:right]) / whole.deviation - _MARGIN
             for row, low, high in zip(scores, lows[block].tolist(), highs[block].tolist(), strict=True):
                 yield low, row[low - left : high - left]

@@ -1,0 +1,34 @@
+"""The study of sequence searches, whole, on a small route."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.slow
+def test_every_search_is_measured_on_every_drive(unchanged_tiny_route: Path, tmp_path: Path) -> None:
+    (tmp_path / "nordland64").symlink_to(unchanged_tiny_route)
+    options = ["--methods", "hog", "--frames", ":", "--lengths", "3", "--seeds", "2"]
+    subprocess.run(
+        [sys.executable, "-m", "studies", "sequences", "--data", tmp_path, "--out", tmp_path / "out", *options],
+        check=True,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": "src"},
+    )
+    plain, centred = json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert [plain["standardise"], centred["standardise"]] == [None, "centre"]
+    assert [row["drive"] for row in plain["drives"]][:2] == ["as recorded", "as recorded, standing too"]
+    searches = ["mean, 3 frames", "seqslam, 3 frames", "filter, 3 frames", "motion known, 3 frames"]
+    assert set(searches) < set(plain["drives"][0]["scores"])
+    assert plain["drives"][0]["scores"]["one frame"] == [1.0, 1.0]
+    table = (tmp_path / "out" / "table.md").read_text()
+    assert "**hog, plain**: recall@1 / auc_pr" in table
+    assert "filter, 3 frames" in table
