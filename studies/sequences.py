@@ -9,8 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +17,11 @@ from numpy.typing import NDArray
 
 from everplace.data.route import open_route
 from everplace.data.selection import Selection, parse_frames
-from everplace.data.traverse import Traverse
 from everplace.data.truth import truth_by_position
 from everplace.describe.descriptors import Descriptors
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
 from everplace.evaluate.scores import evaluate
-from everplace.experiments.drive import resample_drive
 from everplace.experiments.retrieval import choose_pair
 from everplace.files import write_text
 from everplace.match.frame_change import change_in_steps, new_frames
@@ -36,56 +32,13 @@ from everplace.match.search import compared
 from everplace.match.sequence import SEQUENCE_METHODS, search_sequences
 from everplace.match.similarity import similarity
 from everplace.match.standardise import Standardisation
+from studies.drives import DRIVES, Drive, Recorded, similarities, with_stops
+from studies.paired import Found, paired_difference
 
 TOLERANCE = 1
 SURE = 0.9
 KNOWN = "motion known"
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """The second drive as it was recorded.
-
-    Attributes:
-        query: Descriptors of its M frames.
-        place: M: the place of the map that each shows, ascending.
-        moving: The first frame of every place.
-    """
-
-    query: Descriptors
-    place: NDArray[np.int64]
-
-    @property
-    def moving(self) -> NDArray[np.int64]:
-        return np.flatnonzero(np.diff(self.place, prepend=-1))
-
-
-@dataclass(frozen=True)
-class Drive:
-    """A second drive and the map it is on.
-
-    Attributes:
-        what: In the words of the table.
-        options: Of `resample_drive`; None: the drive as recorded.
-        stands: Whether the recorded frames in which the train stands are among them; else they are left out.
-        hole: Share of the places, in the middle, that the map lacks.
-    """
-
-    what: str
-    options: dict[str, Any] | None = None
-    stands: bool = False
-    hole: float = 0.0
-
-
-DRIVES = (
-    Drive("as recorded"),
-    Drive("as recorded, standing too", stands=True),
-    Drive("speeds 0.7 to 1.4, stops", {}),
-    Drive("and stretches in reverse", {"reverse": 0.02}),
-    Drive("and 4 kidnappings", {"reverse": 0.02, "jumps": 4}),
-    Drive("and a fifth off the map", {"reverse": 0.02, "jumps": 4}, hole=0.2),
-)
 
 
 def main(arguments: list[str]) -> None:
@@ -101,7 +54,7 @@ def main(arguments: list[str]) -> None:
     selection = Selection(parse_frames(given.frames), drop_dark=True, drop_stationary=True)
     _, pair = choose_pair(route, "winter", "summer", selection)
     _, lit = choose_pair(route, "winter", "summer", Selection(drop_dark=True))
-    whole, place = _with_stops(lit.query, pair.query)
+    whole, place = with_stops(lit.query, pair.query)
     truth = truth_by_position(pair.query, pair.database, TOLERANCE)
     lines, metrics = [f"nordland64, winter against summer, --frames {given.frames}, ±{TOLERANCE} frames", ""], []
     for method in given.methods:
@@ -111,7 +64,16 @@ def main(arguments: list[str]) -> None:
         for how in (None, "centre"):
             print(method, how or "plain", file=sys.stderr)
             changes = _changes(recorded, database, how)
-            rows = [_measure(recorded, database, truth, how, drive, given.lengths, given.seeds) for drive in DRIVES]
+            rows: list[dict[str, Any]] = []
+            for drive in DRIVES:
+                row, found = _measure(recorded, database, truth, how, drive, given.lengths, given.seeds)
+                if not rows:
+                    as_recorded = found
+                elif drive.options is not None and not drive.hole:
+                    row["against recorded"] = {
+                        name: paired_difference(as_recorded[name][0], found[name]) for name in found
+                    }
+                rows.append(row)
             title = f"{method}, {'centred' if how else 'plain'}"
             lines += [*_tables(title, rows), *_change_table(title, changes)]
             measured = {"method": method, "standardise": how, "frames": given.frames}
@@ -130,18 +92,22 @@ def _measure(
     drive: Drive,
     lengths: list[int],
     seeds: int,
-) -> dict[str, Any]:
+) -> tuple[dict[str, Any], dict[str, list[Found]]]:
+    """The row of one drive, and what the filter found on it, by its name in the row."""
     scores: dict[str, list[tuple[float, ...]]] = {}
     answers: dict[str, list[dict[str, float | None]]] = {}
-    for S, matches, shown in _drives(recorded, database, truth, how, drive, seeds):
+    by_frame: dict[str, list[Found]] = {}
+    for S, matches, shown in similarities(recorded, database, truth, how, drive, seeds):
         scores.setdefault("one frame", []).append(_score(S, matches))
         for length in lengths:
             for search in SEQUENCE_METHODS[::-1]:
                 found = search_sequences(S, length, search)
                 scores.setdefault(f"{search}, {length} frames", []).append(_score(found, matches))
                 if search == "filter":
+                    one = _found(found, matches, shown)
+                    by_frame.setdefault(f"{search}, {length} frames", []).append(one)
                     once = f"{search}, {length} frames, every place once"
-                    scores.setdefault(once, []).append((_by_place(found, matches, shown),))
+                    scores.setdefault(once, []).append((_by_place(one),))
                     counted = f"{search}, {length} frames, standing ones among them"
                     scores.setdefault(counted, []).append(_score(filter_last(S, length), matches))
             if not drive.hole:
@@ -149,32 +115,12 @@ def _measure(
                 scores.setdefault(f"{KNOWN}, {length} frames", []).append(_score(known, matches))
         for name, given in _answers(S).items():
             answers.setdefault(name, []).append(_honesty(given, matches))
-    return {
+    row = {
         "drive": drive.what,
         "scores": {name: np.mean(values, axis=0).round(4).tolist() for name, values in scores.items()},
         "answers": {name: _means(values) for name, values in answers.items()},
     }
-
-
-def _drives(
-    recorded: Recorded,
-    database: Descriptors,
-    truth: NDArray[np.bool_],
-    how: Standardisation | None,
-    drive: Drive,
-    seeds: int,
-) -> Iterator[tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.int64]]]:
-    """Similarity and truth of one drive after the other, and the place that each of its frames shows."""
-    count = len(database)
-    gap = round(count * drive.hole)
-    mapped = np.delete(np.arange(count), slice((count - gap) // 2, (count + gap) // 2))
-    for seed in range(seeds if drive.options is not None else 1):
-        frames = np.arange(len(recorded.place)) if drive.stands else recorded.moving
-        if drive.options is not None:
-            frames = frames[resample_drive(len(frames), seed, **drive.options)]
-        shown = recorded.place[frames]
-        S = similarity(*compared(_rows(recorded.query, frames), _rows(database, mapped), how))
-        yield S, truth[np.ix_(shown, mapped)], shown
+    return row, by_frame
 
 
 def _changes(recorded: Recorded, database: Descriptors, how: Standardisation | None) -> dict[str, dict[str, float]]:
@@ -197,13 +143,6 @@ def _change_table(title: str, changes: dict[str, dict[str, float]]) -> list[str]
     lines += ["| the train | " + " | ".join(f"{q:.0%}" for q in QUANTILES) + " |", "|---" * (len(QUANTILES) + 1) + "|"]
     lines += [f"| {name} | " + " | ".join(f"{v:.3f}" for v in of.values()) + " |" for name, of in changes.items()]
     return [*lines, ""]
-
-
-def _with_stops(drive: Traverse, moving: Traverse) -> tuple[Traverse, NDArray[np.int64]]:
-    """The drive from the first to the last of the frames in which the train moves, and which of these each shows."""
-    first, last = (drive.stems.index(stem) for stem in (moving.stems[0], moving.stems[-1]))
-    whole, moves = drive[first : last + 1], frozenset(moving.stems)
-    return whole, np.cumsum([stem in moves for stem in whole.stems]) - 1
 
 
 def known_motion(S: NDArray[Any], shown: NDArray[np.int64], length: int) -> NDArray[np.float64]:
@@ -252,17 +191,15 @@ def filter_last(S: NDArray[Any], length: int) -> NDArray[np.float32]:
     return out
 
 
-def _by_place(S: NDArray[Any], truth: NDArray[np.bool_], shown: NDArray[np.int64]) -> float:
-    """Recall@1 if all frames of a place together count as one, however long the robot was there."""
-    right = truth[np.arange(len(S)), S.argmax(axis=1)]
+def _found(S: NDArray[Any], truth: NDArray[np.bool_], shown: NDArray[np.int64]) -> Found:
     mapped = truth.any(axis=1)
-    frames, found = np.bincount(shown[mapped]), np.bincount(shown[mapped], right[mapped])
-    return float((found[frames > 0] / frames[frames > 0]).mean())
+    return Found(shown[mapped], truth[np.arange(len(S)), S.argmax(axis=1)][mapped])
 
 
-def _rows(descriptors: Descriptors, rows: NDArray[np.int64]) -> Descriptors:
-    names = tuple(f"{position}: {descriptors.names[row]}" for position, row in enumerate(rows))
-    return replace(descriptors, values=descriptors.values[rows], names=names, variance=None, image_names=None)
+def _by_place(found: Found) -> float:
+    """Recall@1 if all frames of a place together count as one, however long the robot was there."""
+    frames, right = np.bincount(found.place), np.bincount(found.place, found.right)
+    return float((right[frames > 0] / frames[frames > 0]).mean())
 
 
 def _score(S: NDArray[Any], truth: NDArray[np.bool_]) -> tuple[float, float]:
@@ -309,6 +246,12 @@ def _tables(title: str, rows: list[dict[str, Any]]) -> list[str]:
         measured = [row["scores"].get(name) for row in rows]
         cells = ["" if of is None else " / ".join(f"{value:.3f}" for value in of) for of in measured]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    lines += ["", f"**{title}**: the filter's recall@1 less that as recorded, and its 95 % interval", ""]
+    lines += ["| drive | search | difference | interval | drives no worse |", "|---|---|---|---|---|"]
+    for row in rows:
+        for name, of in row.get("against recorded", {}).items():
+            interval = f"{of['low']:+.3f} to {of['high']:+.3f}"
+            lines.append(f"| {row['drive']} | {name} | {of['difference']:+.4f} | {interval} | {of['no worse']:.0%} |")
     lines += ["", f"**{title}**: answers of the filter; sure: probability of at least {SURE}", ""]
     header = list(rows[0]["answers"]["all frames so far"])
     lines += ["| drive | from | " + " | ".join(header) + " |", "|---" * (len(header) + 2) + "|"]

@@ -29,6 +29,9 @@ def test_every_search_is_measured_on_every_drive(unchanged_tiny_route: Path, tmp
     searches = ["mean, 3 frames", "seqslam, 3 frames", "filter, 3 frames", "motion known, 3 frames"]
     assert set(searches) < set(plain["drives"][0]["scores"])
     assert plain["drives"][0]["scores"]["one frame"] == [1.0, 1.0]
+    against = {row["drive"]: row.get("against recorded") for row in plain["drives"]}
+    assert against["as recorded"] is against["and a fifth off the map"] is None
+    assert set(against["speeds 0.7 to 1.4, stops"]) == {"filter, 3 frames"}
     table = (tmp_path / "out" / "table.md").read_text()
     assert "**hog, plain**: recall@1 / auc_pr" in table
     assert "filter, 3 frames" in table

@@ -51,7 +51,7 @@ class RouteModel:
     separation: float = 2.5
     outlier: float = 0.2
     doubt: float = 0.5
-    repeat: float = 0.03
+    repeat: float = 0.015
     beside: float = 0.75
 
     def __post_init__(self) -> None:

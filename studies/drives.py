@@ -1,0 +1,95 @@
+"""The second drives of the study of sequence searches: as recorded, with its real stops, and resampled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.data.traverse import Traverse
+from everplace.describe.descriptors import Descriptors
+from everplace.experiments.drive import resample_drive
+from everplace.match.search import compared
+from everplace.match.similarity import similarity
+from everplace.match.standardise import Standardisation
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """The second drive as it was recorded.
+
+    Attributes:
+        query: Descriptors of its M frames.
+        place: M: the place of the map that each shows, ascending.
+        moving: The first frame of every place.
+    """
+
+    query: Descriptors
+    place: NDArray[np.int64]
+
+    @property
+    def moving(self) -> NDArray[np.int64]:
+        return np.flatnonzero(np.diff(self.place, prepend=-1))
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A second drive and the map it is on.
+
+    Attributes:
+        what: In the words of the table.
+        options: Of `resample_drive`; None: the drive as recorded.
+        stands: Whether the recorded frames in which the train stands are among them; else they are left out.
+        hole: Share of the places, in the middle, that the map lacks.
+    """
+
+    what: str
+    options: dict[str, Any] | None = None
+    stands: bool = False
+    hole: float = 0.0
+
+
+DRIVES = (
+    Drive("as recorded"),
+    Drive("as recorded, standing too", stands=True),
+    Drive("speeds 0.7 to 1.4, stops", {}),
+    Drive("and stretches in reverse", {"reverse": 0.02}),
+    Drive("and 4 kidnappings", {"reverse": 0.02, "jumps": 4}),
+    Drive("and a fifth off the map", {"reverse": 0.02, "jumps": 4}, hole=0.2),
+)
+
+
+def with_stops(drive: Traverse, moving: Traverse) -> tuple[Traverse, NDArray[np.int64]]:
+    """The drive from the first to the last of the frames in which the train moves, and which of these each shows."""
+    first, last = (drive.stems.index(stem) for stem in (moving.stems[0], moving.stems[-1]))
+    whole, moves = drive[first : last + 1], frozenset(moving.stems)
+    return whole, np.cumsum([stem in moves for stem in whole.stems]) - 1
+
+
+def similarities(
+    recorded: Recorded,
+    database: Descriptors,
+    truth: NDArray[np.bool_],
+    how: Standardisation | None,
+    drive: Drive,
+    seeds: int,
+) -> Iterator[tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.int64]]]:
+    """Similarity and truth of one drive after the other, and the place that each of its frames shows."""
+    count = len(database)
+    gap = round(count * drive.hole)
+    mapped = np.delete(np.arange(count), slice((count - gap) // 2, (count + gap) // 2))
+    for seed in range(seeds if drive.options is not None else 1):
+        frames = np.arange(len(recorded.place)) if drive.stands else recorded.moving
+        if drive.options is not None:
+            frames = frames[resample_drive(len(frames), seed, **drive.options)]
+        shown = recorded.place[frames]
+        S = similarity(*compared(_rows(recorded.query, frames), _rows(database, mapped), how))
+        yield S, truth[np.ix_(shown, mapped)], shown
+
+
+def _rows(descriptors: Descriptors, rows: NDArray[np.int64]) -> Descriptors:
+    names = tuple(f"{position}: {descriptors.names[row]}" for position, row in enumerate(rows))
+    return replace(descriptors, values=descriptors.values[rows], names=names, variance=None, image_names=None)
