@@ -77,8 +77,10 @@ def test_links_in_a_file_lead_nowhere(data_set: Any) -> None:
     with h5py.File(data_set.root / "f.h5", "w") as file:
         file.create_group("a.jpg")
         file["round"] = h5py.SoftLink("/")
+        file.create_group("b/c.jpg")
+        file["b/c.jpg/again"] = file["b"]
         file["out"] = h5py.ExternalLink("/etc/passwd", "/")
-    assert hloc._read_hdf5(data_set.root / "f.h5") == ["a.jpg"]
+    assert hloc._read_hdf5(data_set.root / "f.h5") == ["a.jpg", "b/c.jpg"]
 
 
 @pytest.mark.parametrize(

@@ -116,7 +116,7 @@ def _read_hdf5(path: AnyPath) -> list[str]:
     try:
         with _open_hdf5(path) as file:
             own = next((name for name in _EVERPLACE if isinstance(file.get(name), h5py.Dataset)), None)
-            names = list(_leaf_groups(file, "")) if own is None else list(file[own].asstr()[:].ravel())
+            names = _leaf_groups(file) if own is None else list(file[own].asstr()[:].ravel())
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
         raise RouteError(f"{readable(path)} is not a readable HDF5 file ({reason}); get it again") from error
@@ -137,14 +137,16 @@ def _open_hdf5(path: AnyPath):  # type: ignore[no-untyped-def]
         return h5py.File(h5py.h5f.open_file_image(file.read()))
 
 
-def _leaf_groups(group, prefix: str) -> Iterator[str]:  # type: ignore[no-untyped-def]
+def _leaf_groups(file) -> list[str]:  # type: ignore[no-untyped-def]
+    """The groups that hold no group; each is visited once, and links are not followed, so nothing leads in circles."""
     import h5py
 
-    for name in group:
-        if group.get(name, getlink=True).__class__ is not h5py.HardLink:
-            continue  # a link to elsewhere could lead round in circles or out of the file
-        child = group[name]
-        if not isinstance(child, h5py.Group):
-            continue
-        inner = list(_leaf_groups(child, f"{prefix}{name}/"))
-        yield from inner or [prefix + name]
+    groups: list[str] = []
+
+    def note(name: str, item: object) -> None:
+        if isinstance(item, h5py.Group):
+            groups.append(name)
+
+    file.visititems(note)
+    holders = {group.rpartition("/")[0] for group in groups}
+    return [group for group in groups if group not in holders]
