@@ -24,7 +24,7 @@ from everplace.describe.registry import open_describer
 from everplace.evaluate.scores import evaluate
 from everplace.experiments.retrieval import choose_pair
 from everplace.files import write_text
-from everplace.match.frame_change import change_in_steps, new_frames
+from everplace.match.frame_change import View, change_in_steps, new_frames
 from everplace.match.route_filter import Answer, RouteFilter, filter_windows
 from everplace.match.route_model import RouteModel, likelihood_ratios
 from everplace.match.route_path import best_path, smooth_route
@@ -125,11 +125,12 @@ def _measure(
 
 def _changes(recorded: Recorded, database: Descriptors, how: Standardisation | None) -> dict[str, dict[str, float]]:
     """Quantiles of `change_in_steps` since the last frame in which the train moved, while it moves and stands."""
-    evidence = np.log(likelihood_ratios(similarity(*compared(recorded.query, database, how)), RouteModel()))
+    ratios = likelihood_ratios(similarity(*compared(recorded.query, database, how)), RouteModel())
+    views = [View.of(row) for row in ratios]
     moving = recorded.moving
-    before = moving[np.searchsorted(moving, np.arange(1, len(evidence))) - 1]
-    changes = np.array([change_in_steps(evidence[last], evidence[frame]) for frame, last in enumerate(before, start=1)])
-    moves = np.isin(np.arange(1, len(evidence)), moving)
+    before = moving[np.searchsorted(moving, np.arange(1, len(views))) - 1]
+    changes = np.array([change_in_steps(views[last], views[frame]) for frame, last in enumerate(before, start=1)])
+    moves = np.isin(np.arange(1, len(views)), moving)
     parts = {"moves": changes[moves], "stands": changes[~moves]}
     return {
         name: {f"{q:.0%}": float(np.quantile(of, q).round(4)) for q in QUANTILES}

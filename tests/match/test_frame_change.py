@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from tests.match.hidden_markov import shown
 
-from everplace.match.frame_change import change_in_steps, new_frames
+from everplace.match.frame_change import View, change_in_steps, new_frames
 from everplace.match.route_filter import filter_windows
 from everplace.match.route_model import RouteModel, likelihood_ratios
 
@@ -28,8 +28,8 @@ def test_the_change_is_measured_by_that_of_a_step(frames: int, places: int, seed
 
 def test_a_step_along_the_map_is_one_step() -> None:
     S, _ = along(4, noise=0.0)
-    evidence = np.log(likelihood_ratios(S, RouteModel()))
-    steps = [change_in_steps(evidence[frame], evidence[frame + 1]) for frame in range(50, 150)]
+    views = [View.of(ratios) for ratios in likelihood_ratios(S, RouteModel())]
+    steps = [change_in_steps(views[frame], views[frame + 1]) for frame in range(50, 150)]
     assert np.median(steps) == pytest.approx(1, rel=0.1)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from everplace.data.images import usable_cores
 from everplace.errors import ConfigError, DescriptorsError
-from everplace.match.frame_change import change_in_steps, new_frames
+from everplace.match.frame_change import View, change_in_steps, new_frames
 from everplace.match.route_model import RouteModel, beside, checked_scores, likelihood_ratios
 
 __all__ = ["Answer", "Belief", "RouteFilter", "answer", "filter_windows"]
@@ -71,24 +71,22 @@ class Belief:
         both: NDArray[np.float64] = self.on.sum(axis=1)
         return both
 
-    def move(self, model: RouteModel, exits: NDArray[np.float64]) -> None:
-        """Lets the time of one frame pass.
-
-        Args:
-            model: The motion.
-            exits: `model.exits(N)`.
-        """
+    def move(self, model: RouteModel) -> None:
+        """Lets the time of one frame pass."""
         places = self.on.shape[-1]
-        total = self.on.sum(axis=(1, 2))
+        total = 1 - self.off
         somewhere = model.jump * total + model.enter * self.off
-        self.off[:] = (1 - model.enter) * self.off + np.einsum("bdn,dn->b", self.on, exits)
-        headed = model.turned(self.on)
-        headed *= model.stay
+        self.off *= 1 - model.enter
+        self.off += model.leave * total
+        headed = self.on * (model.stay * (1 - model.turn))
+        headed += self.on[:, ::-1] * (model.stay * model.turn)
         np.multiply(headed, model.steps[0], out=self.on)
-        for offset, probability in enumerate(model.steps[1:places], start=1):
+        for offset, probability in enumerate(model.steps[1:], start=1):
             moved = headed * probability
-            self.on[:, 0, offset:] += moved[:, 0, :-offset]
-            self.on[:, 1, :-offset] += moved[:, 1, offset:]
+            inside = max(places - offset, 0)
+            self.on[:, 0, offset:] += moved[:, 0, :inside]
+            self.on[:, 1, :inside] += moved[:, 1, offset:]
+            self.off += moved[:, 0, inside:].sum(axis=1) + moved[:, 1, :offset].sum(axis=1)  # past an end
         self.on += somewhere[:, None, None] * model.anywhere(places)
 
     def see(self, ratios: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -131,8 +129,7 @@ class RouteFilter:
         self.model = RouteModel() if model is None else model
         self.reach = reach
         self._belief = Belief.start(self.model, 1, places)
-        self._exits = self.model.exits(places)
-        self._last: NDArray[np.float64] | None = None
+        self._last: View | None = None
 
     def update(self, scores: NDArray[Any]) -> Answer:
         """Takes the next frame.
@@ -152,12 +149,12 @@ class RouteFilter:
                 f"a frame of scores of shape {np.shape(scores)} does not fit a map of {places} places"
             )
         ratios = likelihood_ratios(scores, self.model)
-        evidence = np.log(ratios)
-        if self._last is None or change_in_steps(self._last, evidence) >= self.model.repeat:
+        view = View.of(ratios)
+        if self._last is None or change_in_steps(self._last, view) >= self.model.repeat:
             if self._last is not None:
-                self._belief.move(self.model, self._exits)
+                self._belief.move(self.model)
             self._belief.see(ratios[None])
-            self._last = evidence
+            self._last = view
         return answer(self.probabilities, self.model, self.reach)
 
     @property
@@ -202,14 +199,13 @@ def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None
     stands = np.diff(np.append(new, len(S)))  # how many frames show what each new one does
     length = min(length, len(new))
     out = np.empty(S.shape, np.float32)
-    exits = known.exits(S.shape[1])
     size = max(1, _BLOCK // S.shape[1])
 
     def fill(start: int) -> None:
         rows = slice(start, min(start + size, len(new)))
         first = max(start - length + 1, 0)
         ratios = likelihood_ratios(S[new[first : rows.stop]], known)
-        odds = log_odds(_last_frames(ratios, start - first, length, known, exits), known)
+        odds = log_odds(_last_frames(ratios, start - first, length, known), known)
         out[new[start] : new[rows.stop - 1] + stands[rows.stop - 1]] = odds.repeat(stands[rows], axis=0)
 
     with ThreadPoolExecutor(usable_cores(), "everplace-sequence") as pool:
@@ -233,9 +229,7 @@ def log_odds(belief: Belief, model: RouteModel) -> NDArray[np.float64]:
     return odds
 
 
-def _last_frames(
-    ratios: NDArray[np.float64], before: int, length: int, model: RouteModel, exits: NDArray[np.float64]
-) -> Belief:
+def _last_frames(ratios: NDArray[np.float64], before: int, length: int, model: RouteModel) -> Belief:
     """The belief of every row after the first `before`, which only precede them, from its last `length` frames."""
     robots, places = len(ratios) - before, ratios.shape[1]
     belief = Belief.start(model, robots, places)
@@ -245,6 +239,6 @@ def _last_frames(
         moved = robots if ago == length - 1 else min(max(1 - frame, 0), robots)  # and those before it none before that
         belief[begun:moved].see(ratios[frame + begun : frame + moved])
         rest = belief[moved:]
-        rest.move(model, exits)
+        rest.move(model)
         rest.see(ratios[frame + moved : len(ratios) - ago])
     return belief

@@ -136,21 +136,22 @@ def likelihood_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.flo
         ...×N, at least ε exp(-`doubt`).
     """
     S = np.asarray(scores, np.float64)
-    known: Any = np.isfinite(S)
-    count = np.maximum(known.sum(axis=-1, keepdims=True), 1)
-    known = True if known.all() else known  # sums over a mask are slow
-    mean = S.sum(axis=-1, keepdims=True, where=known) / count
+    known = np.isfinite(S)
+    complete = bool(known.all())
+    count = max(S.shape[-1], 1) if complete else np.maximum(known.sum(axis=-1, keepdims=True), 1)
+    where: Any = True if complete else known  # sums over a mask are slow
+    mean = S.sum(axis=-1, keepdims=True, where=where) / count
     z = S - mean
-    spread = np.sqrt(np.square(z).sum(axis=-1, keepdims=True, where=known) / count)
+    spread = np.sqrt(np.square(z).sum(axis=-1, keepdims=True, where=where) / count)
     d = model.separation
     varies = spread > 1e-12 * np.abs(mean)  # less is rounding
     z *= np.divide(d, spread, out=np.full_like(spread, np.nan), where=varies)
     z -= d * d / 2
-    ratios: NDArray[np.float64] = np.exp(np.minimum(z, _LARGEST))
-    ratios *= 1 - model.outlier
-    ratios += model.outlier
-    ratios *= np.exp(-model.doubt)
-    ratios[np.isnan(ratios)] = 1.0
+    ratios: NDArray[np.float64] = np.exp(np.minimum(z, _LARGEST, out=z), out=z)
+    ratios *= (1 - model.outlier) * np.exp(-model.doubt)
+    ratios += model.outlier * np.exp(-model.doubt)
+    if not (complete and varies.all()):
+        ratios[np.isnan(ratios)] = 1.0
     return ratios
 
 

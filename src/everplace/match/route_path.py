@@ -42,12 +42,12 @@ def smooth_route(S: NDArray[Any], model: RouteModel | None = None, *, reach: int
     first.see(likelihood_ratios(S[:1], model))
     kept = [first]
     for start, end in pairwise(_segments(frames)):
-        kept.append(_forward(S[new[start + 1 : end + 1]], kept[-1], model, exits)[-1])
+        kept.append(_forward(S[new[start + 1 : end + 1]], kept[-1], model)[-1])
     later_on, later_off = np.ones((2, places)), 1.0
     edges = _segments(frames)
     for index in range(len(edges) - 1, -1, -1):
         start, end = edges[index], edges[index + 1] if index + 1 < len(edges) else frames
-        beliefs = _forward(S[new[start + 1 : end]], kept[index], model, exits)
+        beliefs = _forward(S[new[start + 1 : end]], kept[index], model)
         for frame in range(end - 1, start - 1, -1):
             if frame + 1 < frames:
                 ratios = likelihood_ratios(S[new[frame + 1]], model)
@@ -102,12 +102,12 @@ def _segments(frames: int) -> list[int]:
     return list(range(0, frames, max(1, int(np.sqrt(frames)))))
 
 
-def _forward(S: NDArray[Any], belief: Belief, model: RouteModel, exits: NDArray[np.float64]) -> list[Belief]:
+def _forward(S: NDArray[Any], belief: Belief, model: RouteModel) -> list[Belief]:
     """The given belief and those after each of the frames."""
     beliefs = [belief]
     for scores in S:
         belief = Belief(belief.on.copy(), belief.off.copy())
-        belief.move(model, exits)
+        belief.move(model)
         belief.see(likelihood_ratios(scores, model)[None])
         beliefs.append(belief)
     return beliefs
