@@ -22,13 +22,12 @@ from everplace.data.route import open_route
 from everplace.data.times import read_times
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, RouteError
+from everplace.experiments.aligned_route import ALIGNMENT_CSV, write_aligned
 from everplace.experiments.alignment import (
-    ALIGNMENT_CSV,
     align_by_images,
     align_by_pairs,
     align_by_poses,
     judge,
-    write_aligned,
 )
 
 PLACES = 48

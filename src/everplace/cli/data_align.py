@@ -58,13 +58,13 @@ def align(
         require_file(picture, (".png", ".svg", ".pdf"), "--picture")
     from everplace.data.route import open_route
     from everplace.describe.registry import open_describer
+    from everplace.experiments.aligned_route import write_aligned
     from everplace.experiments.alignment import (
         align_by_images,
         align_by_pairs,
         align_by_poses,
         alignment_figure,
         judge,
-        write_aligned,
     )
     from everplace.files import require_free_directory
     from everplace.plots.canvas import save_figure
