@@ -14,8 +14,8 @@ from everplace.data.render.route import render_route
 from everplace.data.sources.folder import open_traverse
 from everplace.describe.methods.vae import VAEDescriber
 from everplace.describe.pipeline import describe_traverse
-from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import Checkpoint
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 
 ROUNDS = 5

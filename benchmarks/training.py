@@ -16,8 +16,8 @@ from benchmarks.ratio import Ratio
 from everplace.data.render.config import render_config
 from everplace.data.render.route import render_route
 from everplace.data.route import open_route
-from everplace.model.architecture import ConditionVAE
 from everplace.model.bounds import Weights, optimal_log_sigma
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.model.images import to_input
 from everplace.training.config import TrainConfig

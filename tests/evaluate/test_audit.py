@@ -15,7 +15,7 @@ from torch.nn import functional
 from everplace.errors import RouteError
 from everplace.evaluate import audit as module
 from everplace.evaluate.audit import Audit, Probe, SwapError, audit, encode_frames
-from everplace.model.architecture import ConditionVAE
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.model.images import to_input
 from everplace.model.posterior import Posterior

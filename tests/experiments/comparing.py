@@ -11,8 +11,8 @@ from typing import Any, Literal
 import torch
 
 from everplace.cli import main
-from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import save_checkpoint
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.training.config import TrainConfig, write_config
 

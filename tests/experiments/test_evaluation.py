@@ -13,8 +13,8 @@ from everplace.data.route import open_route
 from everplace.data.selection import Selection
 from everplace.experiments.evaluation import Evaluation, evaluate_method, write_evaluation
 from everplace.experiments.retrieval import Matching, Truth
-from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import save_checkpoint
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.training.config import TrainConfig, write_config
 

@@ -19,8 +19,8 @@ from everplace.experiments.evaluation import evaluate_method, write_evaluation
 from everplace.experiments.fitting import Methods, select_tested
 from everplace.experiments.manifest import open_study
 from everplace.experiments.retrieval import Matching, Truth, choose_pair, retrieve, true_matches
-from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import save_checkpoint
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 
 

@@ -13,8 +13,8 @@ from PIL import Image
 from everplace.data.route import Route, open_route
 from everplace.errors import CheckpointError, RouteError
 from everplace.experiments.translations import constant_figure, load_divided, swap_figure, translation_figure
-from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import save_checkpoint
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.model.images import to_input, to_pixels
 from everplace.plots.canvas import png_bytes

@@ -22,8 +22,8 @@ from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MachineError, MissingExtraError
 from everplace.export import onnx as export
 from everplace.export.onnx import export_onnx
-from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import save_checkpoint
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig, ModelKind
 
 

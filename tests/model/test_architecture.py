@@ -7,13 +7,13 @@ import torch
 from torch import Tensor, nn
 
 from everplace.model.architecture import (
-    ConditionVAE,
     Encoder,
     InstanceBatchNorm2d,
     feature_map,
     hidden_widths,
     strides,
 )
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import MODEL_KINDS, ModelConfig, ModelKind
 
 CONDITIONS = ("summer", "winter")

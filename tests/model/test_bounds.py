@@ -13,7 +13,6 @@ from torch import Tensor
 from torch.distributions import MultivariateNormal, Normal
 from torch.nn import functional
 
-from everplace.model.architecture import ConditionVAE
 from everplace.model.bounds import (
     LOG_SIGMA_FLOOR,
     Weights,
@@ -26,6 +25,7 @@ from everplace.model.bounds import (
     soft_place_targets,
     vae_bound,
 )
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.model.posterior import Posterior
 

@@ -11,8 +11,8 @@ import pytest
 import torch
 
 from everplace.errors import CheckpointError
-from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import load_checkpoint, save_checkpoint
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import MODEL_KINDS, ModelConfig, ModelKind
 from everplace.model.tensor_file import load_tensors, save_tensors
 

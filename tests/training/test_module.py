@@ -10,7 +10,6 @@ import pytest
 import torch
 
 from everplace.errors import DivergedError
-from everplace.model.architecture import ConditionVAE
 from everplace.model.bounds import (
     Weights,
     c_vae_bound,
@@ -20,6 +19,7 @@ from everplace.model.bounds import (
     soft_place_targets,
     vae_bound,
 )
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import MODEL_KINDS, ModelConfig, ModelKind, PlaceTerm
 from everplace.model.images import to_input
 from everplace.model.place_head import PositionHead

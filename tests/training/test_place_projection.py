@@ -12,8 +12,8 @@ import torch
 
 from everplace.data.route import Route
 from everplace.errors import ConfigError
-from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import load_checkpoint
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.model.images import to_input
 from everplace.training.config import TrainConfig

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from everplace.model.architecture import ConditionVAE, Output
 from everplace.model.bounds import Weights, optimal_log_sigma
+from everplace.model.condition_vae import ConditionVAE, Output
 from everplace.model.config import ModelConfig
 from everplace.training.remedies import RemedyTerms
 from everplace.training.sections import Remedies

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from everplace.describe.descriptors import Descriptors
 from everplace.evaluate.scores import evaluate
 from everplace.match.similarity import similarity
-from everplace.model.architecture import ConditionVAE
 from everplace.model.bounds import Weights
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.model.images import to_input
 from everplace.training.config import TrainConfig

@@ -28,7 +28,7 @@ from everplace.describe.descriptors import Descriptors
 from everplace.errors import RouteError
 from everplace.evaluate.scores import evaluate
 from everplace.match.similarity import similarity
-from everplace.model.architecture import ConditionVAE
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.images import to_input
 from everplace.model.posterior import ACTIVE_ABOVE
 

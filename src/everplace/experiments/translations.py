@@ -17,8 +17,8 @@ from everplace.describe.registry import kind_of_run
 from everplace.errors import CheckpointError, RouteError
 from everplace.evaluate.audit import encode_frames
 from everplace.files import readable
-from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import load_checkpoint
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import LABELLED_KINDS
 from everplace.model.images import to_pixels
 from everplace.plots.canvas import new_figure

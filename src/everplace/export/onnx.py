@@ -28,7 +28,7 @@ from everplace.describe.onnx_toml import OnnxToml, onnx_toml_path, onnx_toml_tex
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MachineError, MethodError, MissingExtraError
 from everplace.files import readable, whole_file, write_text
-from everplace.model.architecture import ConditionVAE
+from everplace.model.condition_vae import ConditionVAE
 
 __all__ = ["TOLERANCE", "OnnxExport", "export_onnx"]
 

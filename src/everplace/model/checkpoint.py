@@ -14,7 +14,7 @@ from torch import Tensor
 
 from everplace.errors import CheckpointError
 from everplace.files import readable
-from everplace.model.architecture import ConditionVAE
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.model.tensor_file import load_tensors, save_tensors
 

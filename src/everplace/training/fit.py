@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from everplace.data.route import Route
 from everplace.errors import ConfigError
-from everplace.model.architecture import ConditionVAE
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.progress import Progress, quiet
 from everplace.training.callbacks import RunKeeper

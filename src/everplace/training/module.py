@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from everplace.errors import DivergedError
-from everplace.model.architecture import ConditionVAE, Output
 from everplace.model.bounds import Weights, optimal_log_sigma, soft_clipped_log_sigma, soft_place_targets
+from everplace.model.condition_vae import ConditionVAE, Output
 from everplace.model.images import to_input
 from everplace.model.place_head import PlaceHead
 from everplace.model.posterior import ACTIVE_ABOVE

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from everplace.errors import ConfigError
-from everplace.model.architecture import ConditionVAE
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.discriminant import PlaceScatter
 from everplace.model.images import to_input
 from everplace.model.oriented_gradients import OrientedGradients

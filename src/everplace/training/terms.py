@@ -6,7 +6,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from everplace.model.architecture import ConditionVAE, Output
 from everplace.model.bounds import (
     Weights,
     c_vae_bound,
@@ -16,6 +15,7 @@ from everplace.model.bounds import (
     label_log_likelihood,
     vae_bound,
 )
+from everplace.model.condition_vae import ConditionVAE, Output
 
 __all__ = ["bound_terms", "step_noise"]
 

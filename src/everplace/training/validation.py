@@ -11,8 +11,8 @@ from torch import Tensor
 from everplace.describe.descriptors import Descriptors
 from everplace.evaluate.scores import evaluate
 from everplace.match.similarity import similarity
-from everplace.model.architecture import ConditionVAE
 from everplace.model.bounds import Weights
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.images import to_input
 from everplace.training.config import TrainConfig
 from everplace.training.frames import FrameBlock, SplitRoute

@@ -13,8 +13,8 @@ from everplace.data.images import ImageSpec
 from everplace.describe.methods.vae import VAEDescriber, open_method
 from everplace.describe.protocol import ProbabilisticDescriber
 from everplace.errors import CheckpointError, MethodError
-from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import Checkpoint, save_checkpoint
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig, ModelKind
 from everplace.model.images import to_input
 

@@ -1,7 +1,7 @@
 """CAE: the code of a plain convolutional autoencoder, compared by cosine.
 
 The predecessors of the paper's model: Oh and Lee [16] and Park [17] describe places by convolutional autoencoders. The
-paper gives no more than that; `everplace.model.architecture.ConditionVAE` says what was decided here.
+paper gives no more than that; `everplace.model.condition_vae.ConditionVAE` says what was decided here.
 """
 
 from __future__ import annotations

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from everplace.data.images import ImageSpec
 from everplace.describe.protocol import Metric, require_images
-from everplace.model.architecture import ConditionVAE
 from everplace.model.checkpoint import Checkpoint, load_checkpoint
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.images import to_input
 
 __all__ = ["VAEDescriber", "open_method"]
