@@ -53,8 +53,13 @@ def test_pairs_name_what_hloc_finds_in_the_files_of_features(
     described: dict[tuple[str, str], Path], tmp_path: Path, layout: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = described["summer", layout], described["winter", layout]
-    for kind in ("csv", "hloc-pairs", "kapture"):
+    call("match", *files, "--top", "2", "--out", tmp_path / "csv")
+    assert capsys.readouterr().err == ""
+    for kind in ("hloc-pairs", "kapture"):
         call("match", *files, "--format", kind, "--top", "2", "--out", tmp_path / kind)
+        assert f"call images alike, so {kind} cannot tell them apart; describe both with one --image-root" in (
+            capsys.readouterr().err
+        )
     rows = list(csv.DictReader((tmp_path / "csv").read_text().splitlines()))
     assert {row["query"] for row in rows} == set(map(str, range(12)))
     pairs = [line.split() for line in (tmp_path / "hloc-pairs").read_text().splitlines()]
@@ -70,7 +75,35 @@ def test_pairs_name_what_hloc_finds_in_the_files_of_features(
             assert "global_descriptor" in database[found]
     kapture = [line.split(", ") for line in (tmp_path / "kapture").read_text().splitlines()[2:]]
     assert [line[:2] for line in kapture] == pairs
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_images_are_named_from_the_root(
+    tiny_route: Path, tmp_path: Path, layout: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tiny_route)
+    files = [tmp_path / f"{name}.h5" for name in ("summer", "winter")]
+    for file in files:
+        call("describe", "hog", file.stem, "--image-root", ".", "--format", layout, "--out", file)
+    # hloc's layout has no names but those of the images, and everplace's keeps the stems of the directory.
+    expected = {"everplace": tuple(map(str, range(12))), "hloc": tuple(f"winter-{place}" for place in range(12))}
+    winter = load_descriptors(files[1])
+    assert winter.image_names == tuple(f"winter/{place}.png" for place in range(12))
+    assert winter.names == expected[layout]
+    call("match", *files, "--format", "hloc-pairs", "--out", tmp_path / "pairs.txt")
     assert capsys.readouterr().err == ""
+    pairs = [line.split() for line in (tmp_path / "pairs.txt").read_text().splitlines()]
+    assert [query for query, _ in pairs] == list(winter.image_names)
+    assert all((tiny_route / found).is_file() and found.startswith("summer/") for _, found in pairs)
+
+
+def test_an_image_root_that_is_not_above_the_images_is_refused(tiny_route: Path, tmp_path: Path) -> None:
+    winter, out = tiny_route / "winter", tmp_path / "w.h5"
+    options = ["describe", "hog", str(winter), "--out", str(out), "--image-root"]
+    assert main.run([*options, str(tiny_route / "summer")]) == 2
+    assert not out.exists()
+    assert main.run([*options, str(winter)]) == 0
+    assert load_descriptors(out).image_names == tuple(f"{place}.png" for place in range(12))
 
 
 def test_a_file_without_image_names_gives_its_names_and_that_is_said(

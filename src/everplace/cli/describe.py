@@ -9,6 +9,8 @@ import typer
 
 from everplace.cli.options import Json, OutFile
 from everplace.cli.output import one_of, require_file, show_progress, show_result
+from everplace.errors import ConfigError
+from everplace.files import readable
 
 __all__ = ["describe", "register"]
 
@@ -31,20 +33,31 @@ def describe(
     file_format: Annotated[
         str, typer.Option("--format", metavar="everplace|hloc", help="Layout of the HDF5 file.")
     ] = "everplace",
+    image_root: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--image-root", metavar="DIR", help="Directory above IMAGES from which the image files are named [IMAGES]."
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Describe every image of a directory; FILE.h5 gets the descriptors and the names.
+
+    With --image-root my-route the images are called winter/1.png, as hloc and kapture want them.
 
     Example: everplace describe runs/cp-vae my-route/winter --out winter.h5
     """
     one_of(file_format, "--format", ("everplace", "hloc"))
     require_file(out)
+    below = _below(images, image_root)
     from everplace.data.sources.folder import open_traverse
     from everplace.describe.pipeline import describe_traverse
     from everplace.describe.registry import open_describer
 
     describer = open_describer(method, progress=show_progress())
     described = describe_traverse(describer, open_traverse(images), batch=batch, progress=show_progress())
+    if below:
+        described = described.under(below)
     if file_format == "hloc":
         described.write_hloc(out)
     else:
@@ -60,3 +73,15 @@ def describe(
         },
         as_json,
     )
+
+
+def _below(images: Path, root: Path | None) -> str:
+    """The way from the root to the images, with slashes; empty where they are the same."""
+    if root is None:
+        return ""
+    try:
+        return images.resolve().relative_to(root.resolve()).as_posix().removeprefix(".")
+    except ValueError:
+        raise ConfigError(
+            f"--image-root {readable(root)} is not above {readable(images)}; name a directory that the images lie in"
+        ) from None

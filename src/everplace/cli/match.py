@@ -56,6 +56,11 @@ def match(
         described.names if kind == "csv" else _image_names(described, path, kind)
         for described, path in ((asked, query), (known, database))
     )
+    if kind != "csv" and query.resolve() != database.resolve() and not set(asked_names).isdisjoint(known_names):
+        warn(
+            f"{readable(query)} and {readable(database)} call images alike, so {kind} cannot tell them apart; describe "
+            "both with one --image-root that holds the two directories"
+        )
     write_matches(out, asked_names, known_names, indices, scores, format=kind)
     result = {"queries": len(asked), "database": len(known), "matches": indices.size, "out": str(out)}
     if (new_place := new_place_summary(asked, known)) is not None:

@@ -110,6 +110,12 @@ class Descriptors:
             image_names=None if image_names is None else tuple(image_names[row] for row in rows),
         )
 
+    def under(self, directory: str) -> Descriptors:
+        """The same, the image files named from further up: `directory` and a slash come before each name."""
+        if self.image_names is None:
+            return self
+        return replace(self, image_names=tuple(f"{directory}/{name}" for name in self.image_names))
+
     def _checked(self, array: NDArray[Any], what: str) -> NDArray[np.float32]:
         array = np.asarray(array)
         if array.dtype.kind != "f":
