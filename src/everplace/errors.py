@@ -59,6 +59,20 @@ class ConfigError(InputError):
     """An option, a TOML file or a value in it is wrong."""
 
 
+class SettingError(ConfigError):
+    """A setting of a configuration does not exist, or its value is out of its range.
+
+    Attributes:
+        setting: Its name, such as `minutes` or `weights.place`.
+        message: What is wrong with it.
+    """
+
+    def __init__(self, setting: str, message: str) -> None:
+        super().__init__(f"{setting}: {message}")
+        self.setting = setting
+        self.message = message
+
+
 class OtherRunError(ConfigError):
     """A run directory holds another run than the one that is to be continued.
 

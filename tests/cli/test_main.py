@@ -85,6 +85,33 @@ def test_help_imports_nothing_heavy() -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["train", "route", "--image-size", "32"], "requires 2 arguments; see everplace train --help"),
+        (["data", "render", "--image-size", "33"], "requires 2 arguments; see everplace data render --help"),
+        (["nothing", "--image-size", "33"], "see everplace --help"),
+    ],
+)
+def test_wrong_usage_leads_to_the_help_of_the_command(arguments: list[str], says: str) -> None:
+    status, out, err = call(*arguments)
+    assert (status, out) == (2, "")
+    assert says in err
+    assert len(err.splitlines()) == 1
+
+
+def test_a_wrong_setting_is_told_by_the_file_that_gives_it(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text("foo = 1\n")
+    options: list[str | Path] = ["train", "route", "--model", "cp-vae", "--out", tmp_path / "run"]
+    options += ["--config", tmp_path / "own.toml"]
+    status, _, err = call(*options)
+    assert status == 2
+    assert "own.toml: foo: there is no such setting; known are model, " in err
+    status, _, err = call(*options, "--minutes", "-1")
+    assert (status, err) == (2, "everplace: --minutes: Input should be greater than 0, not -1.0\n")
+    assert not (tmp_path / "run").exists()
+
+
 def test_importing_the_package_imports_nothing_heavy() -> None:
     code = "import sys, everplace; sys.exit(','.join(sorted({'torch', 'cv2', 'numpy'} & set(sys.modules))) or 0)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

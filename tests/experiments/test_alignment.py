@@ -227,6 +227,17 @@ def test_an_alignment_by_poses_can_be_looked_at_and_a_wrong_one_is_unsure(drives
     assert warning.startswith("the path of autumn along summer is hardly better than chance")
 
 
+def test_words_cannot_be_aligned_by(drives: Path) -> None:
+    class Words:
+        method, metric, dimension = "fabmap", "place-posterior", 3
+
+    route, message = open_route(drives), "--method fabmap gives words, which cannot be centred; choose hog"
+    with pytest.raises(ConfigError, match=message):
+        align_by_images(route, Words())  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match=message):
+        judge(align_by_poses(route), Words())  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -235,7 +246,7 @@ def test_an_alignment_by_poses_can_be_looked_at_and_a_wrong_one_is_unsure(drives
         (["--by", "poses", "--pairs", "x.csv"], "--by pairs and --pairs FILE.csv go together"),
         (["--by", "images", "--radius", "3"], "--radius is of no use with --by images"),
         (["--by", "poses", "--picture", "x.txt"], "must end in .png"),
-        (["--by", "poses", "--radius", "-2"], "radius -2.0 is not a positive number of metres"),
+        (["--by", "poses", "--radius", "-2"], "--radius -2.0 is not a positive number of metres"),
         (["--by", "images", "--method", "nothing"], "there is no method or run directory 'nothing'"),
         (["--by", "pairs", "--pairs", "gone.csv"], "cannot read gone.csv"),
     ],

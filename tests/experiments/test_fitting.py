@@ -105,10 +105,10 @@ def test_other_settings_are_refused_before_anything_is_fitted(tiny_route: Path, 
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--minutes", "-1"], "minutes: Input should be greater than 0"),
+        (["--minutes", "-1"], "--minutes: Input should be greater than 0, not -1.0"),
         (["--minutes", "1", "--epochs", "1"], "--epochs and --minutes exclude each other"),
-        (["--image-size", "33", "64"], "33x64 is not a multiple of 32"),
-        (["--seed", str(2**32)], "seed: Input should be less than"),
+        (["--image-size", "33", "64"], "--image-size: 33x64 is not a multiple of 32"),
+        (["--seed", str(2**32)], "--seed: Input should be less than"),
     ],
 )
 def test_settings_of_fitting_are_checked_where_nothing_is_fitted(

@@ -28,6 +28,7 @@ from everplace.cli.options import (
     Tolerance,
 )  # fmt: skip
 from everplace.cli.output import (
+    named_settings,
     one_of,
     provenance,
     require_directory,
@@ -107,7 +108,8 @@ def compare(
     chosen_by = {"conditions": names, "drop_dark": drop_dark, "drop_stationary": drop_stationary}
     given = {"image_size": image_size, "grey": grey or None, "seed": seed, "epochs": epochs, "minutes": minutes}
     settings = {**chosen_by, **{key: value for key, value in given.items() if value is not None}}
-    require_fit_settings(settings)
+    with named_settings(settings):
+        require_fit_settings(settings)
     tested = select_tested(chosen, wanted, selection, fit_frames, show_progress())
     study = open_study(
         tested,

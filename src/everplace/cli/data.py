@@ -8,7 +8,7 @@ from typing import Annotated, Any, Optional
 import typer
 
 from everplace.cli import data_align, data_fetch, data_import, data_inspect
-from everplace.cli.options import Grey, ImageSize, Json, OutDirectory, RouteArgument
+from everplace.cli.options import AnySize, Grey, Json, OutDirectory, RouteArgument
 from everplace.cli.output import show_progress, show_result
 
 __all__ = ["register"]
@@ -29,7 +29,7 @@ def register(app: typer.Typer) -> None:
 def render(
     out: OutDirectory,
     places: Annotated[int, typer.Option("--places", min=2, help="Places along the route.")] = 200,
-    image_size: ImageSize = None,
+    image_size: AnySize = None,
     conditions: Annotated[
         str, typer.Option("--conditions", metavar="A,B", help="spring, summer, autumn, winter, night, rain [all].")
     ] = "",
@@ -57,7 +57,7 @@ def render(
 
 def pack(
     route: RouteArgument,
-    image_size: ImageSize = None,
+    image_size: AnySize = None,
     grey: Grey = False,
     cache: Annotated[
         Optional[Path],  # noqa: UP045

@@ -63,7 +63,7 @@ def run(arguments: list[str]) -> int:
         return _MACHINE_FAILED
     except Exception as error:  # the last resort: no traceback reaches a user
         if hasattr(error, "format_message"):  # Typer's own errors, whichever library they come from
-            return _usage(error)
+            return _usage(error, arguments)
         if type(error).__name__ == "OutOfMemoryError" or "allocate memory" in str(error):
             return _out_of_memory()
         if os.environ.get("EVERPLACE_TRACEBACK"):
@@ -80,7 +80,7 @@ def run(arguments: list[str]) -> int:
     return status if isinstance(status, int) else 0
 
 
-def _usage(error: Exception) -> int:
+def _usage(error: Exception, arguments: list[str]) -> int:
     """Says what is wrong with the command line, in one sentence with the way to the help."""
     format_message = getattr(error, "format_message", None)
     message = str(format_message() if callable(format_message) else error).strip().rstrip(".")
@@ -88,9 +88,20 @@ def _usage(error: Exception) -> int:
     if message.startswith("Usage:"):  # no arguments at all: the message is the help
         print(message, file=sys.stderr)
         return _BAD_USAGE
-    command = context.command_path if context is not None else "everplace"
+    command = context.command_path if context is not None else _command(arguments)
     _say(f"{message}; see {command} --help")
     return _BAD_USAGE
+
+
+def _command(arguments: list[str]) -> str:
+    """The command that was called; of a number of values that is wrong the parser does not tell it."""
+    path, commands = ["everplace"], getattr(get_command(app), "commands", {})
+    for name in arguments:
+        if name not in commands:
+            break
+        path.append(name)
+        commands = getattr(commands[name], "commands", {})
+    return " ".join(path)
 
 
 def _out_of_memory() -> int:

@@ -8,7 +8,7 @@ from typing import Annotated, Optional
 import typer
 
 __all__ = [
-    "Database",
+    "AnySize", "Database",
     "DropDark", "DropStationary", "Epochs", "Frames", "Grey", "ImageSize", "Json", "Minutes", "OutDirectory",
     "OutFile", "Query", "Radius", "RouteArgument", "Seed", "Sequence", "SequenceSearch", "Standardise", "Tolerance",
 ]  # fmt: skip
@@ -28,6 +28,10 @@ DropStationary = Annotated[
 ImageSize = Annotated[
     Optional[tuple[int, int]],  # noqa: UP045
     typer.Option("--image-size", metavar="H W", help="Height and width in pixels, multiples of 32."),
+]
+AnySize = Annotated[
+    Optional[tuple[int, int]],  # noqa: UP045
+    typer.Option("--image-size", metavar="H W", help="Height and width in pixels."),
 ]
 Grey = Annotated[bool, typer.Option("--grey", help="Use grey images.")]
 Epochs = Annotated[Optional[int], typer.Option("--epochs", min=1, help="Passes over the training frames.")]  # noqa: UP045

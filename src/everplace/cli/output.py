@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shlex
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from datetime import datetime, timezone
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
-from everplace.errors import ConfigError
+from everplace.errors import ConfigError, SettingError
 from everplace.files import is_special, readable
 from everplace.progress import Progress
 
 __all__ = [
+    "named_settings",
     "one_of",
     "provenance",
     "require_directory",
@@ -105,6 +107,27 @@ def require_one_length(epochs: int | None, minutes: float | None) -> None:
     """
     if epochs is not None and minutes is not None:
         raise ConfigError("--epochs and --minutes exclude each other; give one of them")
+
+
+@contextlib.contextmanager
+def named_settings(options: Collection[str], config: Path | None = None) -> Iterator[None]:
+    """Says of a setting that is wrong which option gives it, or else which file.
+
+    Args:
+        options: Settings that were given by the options of the same names.
+        config: The file of the others.
+
+    Raises:
+        ConfigError: Instead of the SettingError.
+    """
+    try:
+        yield
+    except SettingError as error:
+        if error.setting.split(".")[0] in options:
+            raise ConfigError(f"--{error.setting.replace('_', '-')}: {error.message}") from None
+        if config is not None:
+            raise ConfigError(f"--config {readable(config)}: {error}") from None
+        raise
 
 
 def one_of(value: str | None, option: str, allowed: tuple[str, ...]) -> Any:

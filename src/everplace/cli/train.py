@@ -21,7 +21,14 @@ from everplace.cli.options import (
     RouteArgument,
     Seed,
 )  # fmt: skip
-from everplace.cli.output import one_of, require_directory, require_one_length, show_progress, show_result
+from everplace.cli.output import (
+    named_settings,
+    one_of,
+    require_directory,
+    require_one_length,
+    show_progress,
+    show_result,
+)
 from everplace.errors import ConfigError
 from everplace.files import readable
 
@@ -84,15 +91,16 @@ def train(
         "seed": seed,
         "recipe": recipe or None,
     }
-    values = read_toml(config) if config is not None else {}
-    values |= {"model": model} | {key: value for key, value in given.items() if value is not None}
+    options = {"model": model} | {key: value for key, value in given.items() if value is not None}
+    values = (read_toml(config) if config is not None else {}) | options
     if epochs is not None and minutes is None:
         values.pop("minutes", None)
     if minutes is not None and epochs is None:
         values.pop("epochs", None)
     if config is not None and values.keys() >= {"epochs", "minutes"}:
         raise ConfigError(f"--config {readable(config)} gives both epochs and minutes; keep one of them")
-    checked = build_config(**values)
+    with named_settings(options, config):
+        checked = build_config(**values)
 
     from everplace.data.route import open_route
     from everplace.training.run_directory import leads

@@ -178,7 +178,7 @@ def _checked(S: NDArray[Any], truth: NDArray[np.bool_]) -> tuple[NDArray[Any], N
     if not truth.any():
         raise RouteError(
             f"none of the {S.shape[0]} queries has a true match in the database; "
-            "choose traverses or frames that overlap, or a larger tolerance"
+            "choose traverses or frames that overlap, or a larger tolerance or radius"
         )
     return S, truth
 

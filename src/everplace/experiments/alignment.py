@@ -16,11 +16,11 @@ from everplace.data.route import Route
 from everplace.describe.descriptors import Descriptors
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.protocol import Describer
-from everplace.errors import RouteError
+from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.match.judgement import JudgedPath, judge_path
 from everplace.match.path import Thinned, find_path, thin, thinning
-from everplace.match.standardise import standardise
+from everplace.match.standardise import standardisable, standardise
 from everplace.plots.canvas import new_figure
 from everplace.plots.path import draw_path
 from everplace.progress import Progress, quiet
@@ -128,9 +128,11 @@ def align_by_images(
         progress: Told of the describing.
 
     Raises:
+        ConfigError: The method's descriptors cannot be centred.
         RouteError: Two drives look nowhere alike.
     """
     chosen = _reference(route, reference)
+    _require_centrable(describer)
 
     def described(name: str) -> Descriptors:
         return standardise(describe_traverse(describer, route[name], progress=progress), "centre")
@@ -151,7 +153,12 @@ def align_by_images(
 
 
 def judge(alignment: Alignment, describer: Describer, progress: Progress = quiet) -> Alignment:
-    """Looks at an alignment, however it was found, in the similarity of the drives' images."""
+    """Looks at an alignment, however it was found, in the similarity of the drives' images.
+
+    Raises:
+        ConfigError: The method's descriptors cannot be centred.
+    """
+    _require_centrable(describer)
     seen = {}
     for traverse in alignment.route.traverses:
         stride = thinning(len(traverse))
@@ -174,6 +181,13 @@ def alignment_figure(alignment: Alignment) -> Figure:
             title=f"{alignment.reference} and {name}, aligned by {alignment.how}",
         )  # fmt: skip
     return figure
+
+
+def _require_centrable(describer: Describer) -> None:
+    if not standardisable(describer.metric):
+        raise ConfigError(
+            f"--method {describer.method} gives words, which cannot be centred; choose hog or the run of a network"
+        )
 
 
 def _judged(alignment: Alignment, seen: Mapping[str, Thinned]) -> Alignment:

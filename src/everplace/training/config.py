@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field, ValidationError, field_validator, model_v
 
 from everplace.data.augment import Augmentation
 from everplace.data.virtual_places import VirtualPlaces
-from everplace.errors import ConfigError
+from everplace.errors import ConfigError, SettingError
 from everplace.files import readable, write_text
 from everplace.model.config import ModelKind, PlaceTerm
 from everplace.training.recipes import recipe
@@ -64,7 +64,7 @@ class FitConfig(Section):
             values: Fields of this class; tables may be given in part (`weights={"place": 100}`).
 
         Raises:
-            ConfigError: A key does not exist or a value is out of its range; the message names it.
+            SettingError: A key does not exist or a value is out of its range.
         """
         try:
             return cls.model_validate(_merge(cls._defaults(values), values))
@@ -79,8 +79,11 @@ class FitConfig(Section):
                 "projection": PlaceProjection,
             }
             section = sections.get(first["loc"][0], cls) if len(first["loc"]) > 1 else cls
-            known = f"; known are {', '.join(section.model_fields)}" if first["type"] == "extra_forbidden" else ""
-            raise ConfigError(f"{where}: {message}{known}") from None
+            if first["type"] == "extra_forbidden":
+                message = f"there is no such setting; known are {', '.join(section.model_fields)}"
+            elif first["type"] != "value_error" and isinstance(first["input"], int | float | str):
+                message += f", not {first['input']!r}"
+            raise SettingError(where, message) from None
 
     @classmethod
     def _defaults(cls, values: dict[str, Any]) -> dict[str, Any]:  # noqa: ARG003

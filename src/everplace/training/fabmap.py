@@ -31,7 +31,7 @@ from everplace.progress import Progress, quiet
 from everplace.training.config import FitConfig
 from everplace.training.run_directory import leads, locked, prepare_run, require_same_images, require_usable
 from everplace.training.selection import select_route
-from everplace.training.state import RunProgress, save_state
+from everplace.training.state import RunProgress, load_state, save_state
 
 __all__ = ["FabMapSummary", "FabMapTrainConfig", "fit_fabmap"]
 
@@ -102,17 +102,20 @@ def fit_fabmap(
     started = time.monotonic()
     frames = sum(map(len, chosen.traverses))
     with locked(out):
-        state = prepare_run(out, config, resume)
+        require_usable(out, config, resume)
+        state = load_state(out) if resume else None
         if state is not None:
             require_same_images(state, images, out, route.root)
         if (state is None or not state.progress.finished) and leads():
-            _fit(chosen, config, out, images, progress)
+            model = _fit(chosen, config, images, progress)
+            prepare_run(out, config, resume)  # not before: a fit that cannot be leaves no run
+            save_fabmap(out, model)
             save_state(out, RunProgress(finished=True), None, None, images)
     seconds = time.monotonic() - started
     return FabMapSummary(str(out), config.model, seconds, frames, chosen.conditions, config.words)
 
 
-def _fit(route: Route, config: FabMapTrainConfig, out: Path, images: str, progress: Progress) -> None:
+def _fit(route: Route, config: FabMapTrainConfig, images: str, progress: Progress) -> FabMap:
     features = _sample_features(route, config, progress)
     vocabulary = _vocabulary(features, config)
     counts, sample = WordCounts.none(config.words), []
@@ -138,7 +141,7 @@ def _fit(route: Route, config: FabMapTrainConfig, out: Path, images: str, progre
         TRAINED_STEMS: tuple(dict.fromkeys(stem for traverse in route.traverses for stem in traverse.stems)),
     }
     samples = np.array(sample, np.bool_).reshape(-1, config.words)
-    save_fabmap(out, FabMap(config.fabmap, vocabulary, learn_tree(counts), samples, about))
+    return FabMap(config.fabmap, vocabulary, learn_tree(counts), samples, about)
 
 
 def _features(route: Route, config: FabMapTrainConfig, what: str, progress: Progress) -> Iterator[NDArray[np.uint8]]:
