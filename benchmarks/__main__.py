@@ -25,9 +25,11 @@ STUDIES = {
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("names", nargs="*", choices=[[], *STUDIES], help="which ones (default: all)")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"which ones: {', '.join(STUDIES)} (default: all)")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     given = parser.parse_args()
+    if unknown := set(given.names) - set(STUDIES):
+        parser.error(f"there is no benchmark {min(unknown)!r}; choose {', '.join(STUDIES)}")
     rows: list[Ratio] = []
     for name in given.names or STUDIES:
         with tempfile.TemporaryDirectory() as scratch:

@@ -14,6 +14,7 @@ from typing import Any
 
 from everplace.data.route import Route, open_route
 from everplace.data.selection import Selection, parse_frames
+from everplace.errors import EverplaceError
 from everplace.experiments.evaluation import evaluate_method
 from everplace.experiments.retrieval import Matching, Truth
 from everplace.files import write_text
@@ -27,6 +28,13 @@ SCORES = ("recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP")
 
 
 def main() -> None:
+    try:
+        study()
+    except EverplaceError as error:
+        sys.exit(str(error))
+
+
+def study() -> None:
     others = {"sequences": sequences.main, "comparisons": comparisons.main}
     if sys.argv[1:] and sys.argv[1] in others:
         others[sys.argv[1]](sys.argv[2:])

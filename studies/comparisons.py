@@ -55,8 +55,11 @@ def main(arguments: list[str]) -> None:
 
 
 def _read(directory: Path) -> Comparison:
-    metrics = json.loads((directory / "metrics.json").read_text("utf-8"))
-    return {(pair["query"], pair["database"]): pair["methods"] for pair in metrics["pairs"]}
+    try:
+        metrics = json.loads((directory / "metrics.json").read_text("utf-8"))
+        return {(pair["query"], pair["database"]): pair["methods"] for pair in metrics["pairs"]}
+    except (OSError, ValueError, LookupError, TypeError):
+        sys.exit(f"{directory} holds no comparison of `everplace compare`; name its --out")
 
 
 def _means(measured: list[Comparison], methods: list[str]) -> str:

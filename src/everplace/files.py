@@ -17,6 +17,7 @@ __all__ = [
     "cache_directory",
     "is_special",
     "readable",
+    "remove_file",
     "remove_leftovers",
     "require_free_directory",
     "whole_directory",
@@ -89,6 +90,18 @@ def whole_file(path: Path) -> Iterator[Path]:
         ) from error
 
 
+def remove_file(path: Path) -> None:
+    """Removes a file if it is there.
+
+    Raises:
+        StorageError: It cannot be removed.
+    """
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise StorageError(f"cannot remove {readable(path)}: {_reason(error)}; remove it by hand") from error
+
+
 def remove_leftovers(*directories: Path) -> None:
     """Removes the temporary files of `whole_file` that a process left when it was killed.
 
@@ -103,12 +116,7 @@ def remove_leftovers(*directories: Path) -> None:
     for directory in directories:
         for path in sorted(directory.glob(".*.part*")):
             if _LEFTOVER.fullmatch(path.name) and not path.is_dir():
-                try:
-                    path.unlink(missing_ok=True)
-                except OSError as error:
-                    raise StorageError(
-                        f"cannot remove {readable(path)}: {_reason(error)}; remove it by hand"
-                    ) from error
+                remove_file(path)
 
 
 @contextlib.contextmanager

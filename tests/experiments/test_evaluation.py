@@ -64,6 +64,24 @@ def test_recipe_and_remedies_are_named(route: Path, tmp_path: Path, about: dict[
     assert "retrieval counts a match within ±2 places as right" in page
 
 
+def test_pictures_of_an_earlier_method_do_not_stay(route: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    latent = {"swap.png", "constant.png", "translation.png"}
+    for name in latent:  # not written by an evaluation, so not removed by one
+        out.mkdir(exist_ok=True)
+        (out / name).write_bytes(b"mine")
+    hog = evaluate_method(
+        open_route(route), "hog", query="day", database="night", selection=Selection(), truth=Truth(tolerance=1),
+        matching=Matching(),
+    )  # fmt: skip
+    write_evaluation(hog, out, details={})
+    assert {(out / name).read_bytes() for name in latent} == {b"mine"}
+    write_evaluation(evaluated(route, tmp_path / "run", {}, Truth(tolerance=1)), out, details={})
+    assert latent < {path.name for path in out.iterdir()}
+    write_evaluation(hog, out, details={})
+    assert not latent & {path.name for path in out.iterdir()}
+
+
 @pytest.mark.parametrize(("truth", "within"), [(Truth(tolerance=2), 2), (Truth(radius=25.0), 1)])
 def test_the_audit_says_what_it_counts_as_right(route: Path, tmp_path: Path, truth: Truth, within: int) -> None:
     assert evaluated(route, tmp_path, {}, truth).metrics()["audit"]["tolerance"] == within

@@ -22,10 +22,10 @@ from everplace.data.traverse import Traverse
 from everplace.describe.descriptors import Descriptors, load_descriptors
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.protocol import Describer
-from everplace.errors import DescriptorsError, StorageError
+from everplace.errors import DescriptorsError
 from everplace.evaluate.audit import Audit
 from everplace.evaluate.scores import PrecisionRecall, Scores
-from everplace.files import readable, write_text
+from everplace.files import remove_file, write_text
 from everplace.progress import Progress, quiet
 
 __all__ = ["PARTS", "MethodResult", "PairResult", "Part", "keep_pictures"]
@@ -158,16 +158,9 @@ def keep_pictures(out: Path, names: Sequence[str]) -> None:
     for name in sorted(set(before) - set(names)):
         # A name of any other kind was not written here: the record was altered.
         if Path(name).name == name and name.endswith(".png"):
-            _remove(out / name)
+            remove_file(out / name)
     if before or names:
         write_text(record, json.dumps(list(names), ensure_ascii=False) + "\n")
-
-
-def _remove(path: Path) -> None:
-    try:
-        path.unlink(missing_ok=True)
-    except OSError as error:
-        raise StorageError(f"cannot remove {readable(path)}: {error.strerror}; remove it by hand") from error
 
 
 def _pair_document(query: str, database: str, result: PairResult) -> dict[str, Any]:

@@ -16,10 +16,10 @@ from everplace.describe.protocol import Describer, FittedDescriber
 from everplace.describe.registry import open_describer
 from everplace.evaluate.audit import Audit, audit
 from everplace.experiments.ingredients import ingredient_metrics, named_ingredients
-from everplace.experiments.latent_report import audit_section, latent_section
+from everplace.experiments.latent_report import LATENT_PICTURES, audit_section, latent_section
 from everplace.experiments.pictures import match_figure, matrix_figure
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, choose_pair, retrieve, true_matches
-from everplace.files import write_text
+from everplace.files import remove_file, write_text
 from everplace.match.standardise import require_standardisable
 from everplace.plots.canvas import save_figure
 from everplace.plots.interactive import precision_recall_figure
@@ -35,6 +35,9 @@ __all__ = [
     "seen_sentence",
     "write_evaluation",
 ]
+
+
+_METRICS = "metrics.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +150,7 @@ def audit_pair(describer: Describer, route: Route, truth: Truth, progress: Progr
 
 
 def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, str]) -> None:
-    """Writes DIR/metrics.json, the pictures and report.html.
+    """Writes DIR/metrics.json, the pictures and report.html, over those of an earlier evaluation.
 
     Raises:
         StorageError: Writing failed.
@@ -177,10 +180,15 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
     report.section("Matches").figure(gallery, alt="Queries, the proposed frames and the true ones.")
     if evaluation.audit is not None:
         audit_section(report.section("Leakage audit"), {result.method: evaluation.audit})
+    pictures: list[str] = []
     if isinstance(evaluation.describer, VAEDescriber) and evaluation.route.aligned:
-        latent_section(report.section("What the latent holds"), evaluation.describer, evaluation.route, out)
+        section = report.section("What the latent holds")
+        pictures = latent_section(section, evaluation.describer, evaluation.route, out)
+    if (out / _METRICS).is_file():  # of an earlier evaluation, perhaps of another method
+        for name in set(LATENT_PICTURES) - set(pictures):
+            remove_file(out / name)
     report.write(out / "report.html")
-    write_text(out / "metrics.json", json.dumps(evaluation.metrics(), indent=2) + "\n")
+    write_text(out / _METRICS, json.dumps(evaluation.metrics(), indent=2) + "\n")
 
 
 def score_facts(result: Retrieval) -> dict[str, float | int]:

@@ -25,7 +25,10 @@ from everplace.plots.canvas import new_axes, save_figure
 from everplace.plots.style import COLOURS, shortened, write_plainly
 from everplace.report.html import Section
 
-__all__ = ["audit_section", "latent_section"]
+__all__ = ["LATENT_PICTURES", "audit_section", "latent_section"]
+
+LATENT_PICTURES = ("swap.png", "constant.png", "translation.png")
+"""What `latent_section` writes, less the prefix."""
 
 _PLACE, _CONDITION, _BOTH, _FREE = COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[6]
 _TITLE_WIDTH = 5.0
@@ -88,8 +91,7 @@ def latent_section(section: Section, describer: VAEDescriber, route: Route, out:
         constant_figure(model, route),
         translation_figure(model, route),
     )
-    pictures = {"swap": swap, "constant": constant, "translation": translation}
-    files = {f"{prefix}{name}.png": figure for name, figure in pictures.items()}
+    files = {f"{prefix}{name}": of for name, of in zip(LATENT_PICTURES, (swap, constant, translation), strict=True)}
     for file, figure in files.items():
         save_figure(figure, out / file)
     section.figure(
