@@ -72,7 +72,10 @@ def test_an_altered_configuration_is_named(tmp_path: Path, make_config: MakeConf
 def test_the_state_comes_back_and_leftovers_of_a_killed_process_go(tmp_path: Path, make_config: MakeConfig) -> None:
     prepare_run(tmp_path, make_config(), resume=False)
     save_state(tmp_path, RunProgress(epoch=1, best_epoch=1, best_value=0.5), None, None)
-    leftovers = [tmp_path / ".checkpoint-0a.12-ab.part.safetensors", tmp_path / RESUME / ".state.12-ab.part.json"]
+    leftovers = [
+        tmp_path / ".checkpoint-0a.12-0123abcd.part.safetensors",
+        tmp_path / RESUME / ".state.12-89abcdef.part.json",
+    ]
     for leftover in leftovers:
         leftover.write_bytes(b"half")
     (tmp_path / "notes.part.txt").write_text("somebody's own")
