@@ -59,6 +59,7 @@ def test_options_and_notes_for_people(tiny_route: Path, tmp_path: Path) -> None:
     assert not any(path.is_symlink() for path in open_route(tmp_path / "r")["winter"].paths)
 
 
+@pytest.mark.slow
 def test_a_preset_with_fewer_queries_than_map_frames_is_evaluated_against_the_whole_map(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

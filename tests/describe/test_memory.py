@@ -34,6 +34,7 @@ not_on_windows = pytest.mark.skipif(sys.platform == "win32", reason="Windows doe
 
 
 @not_on_windows
+@pytest.mark.slow
 def test_what_the_images_need_is_seen_and_what_this_process_has_is_not(tiny_route: Path, tmp_path: Path) -> None:
     held = bytearray(b"\1" * 200 * 10**6)
     few = peak_memory("sad", open_route(tiny_route)["summer"].paths, frames=1)

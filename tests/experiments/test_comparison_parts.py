@@ -69,6 +69,7 @@ def test_a_finished_comparison_is_read_and_a_method_can_be_added(finished_copy: 
     assert list(json.loads((out / "manifest.json").read_text())["methods"]) == ["hog", "sad"]
 
 
+@pytest.mark.slow
 def test_a_comparison_that_failed_at_once_takes_the_repaired_images(tiny_route: Path, tmp_path: Path) -> None:
     image, out = tiny_route / "winter" / "5.png", tmp_path / "c"
     whole = image.read_bytes()

@@ -64,6 +64,7 @@ def test_recipe_and_remedies_are_named(route: Path, tmp_path: Path, about: dict[
     assert "retrieval counts a match within ±2 places as right" in page
 
 
+@pytest.mark.slow
 def test_pictures_of_an_earlier_method_do_not_stay(route: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     latent = {"swap.png", "constant.png", "translation.png"}

@@ -107,6 +107,7 @@ def test_one_process_at_a_time_trains_into_a_directory(tmp_path: Path, monkeypat
         assert list(out.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_the_lock_ends_with_its_process(tmp_path: Path) -> None:
     context = multiprocessing.get_context("forkserver")
     process = context.Process(target=_hold, args=(tmp_path,))
