@@ -35,6 +35,7 @@ __all__ = [
     "MissingExtraError",
     "OtherRunError",
     "RouteError",
+    "SettingError",
     "StorageError",
 ]
 

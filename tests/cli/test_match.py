@@ -121,3 +121,11 @@ def test_a_file_without_image_names_gives_its_names_and_that_is_said(
     pairs = [line.split() for line in (tmp_path / "pairs.txt").read_text().splitlines()]
     assert [query for query, _ in pairs] == list(map(str, range(12)))
     assert all(found.endswith(".png") for _, found in pairs)
+
+
+def test_a_directory_under_the_root_keeps_its_dot(tiny_route: Path, tmp_path: Path) -> None:
+    hidden = (tiny_route / "winter").rename(tiny_route / ".winter")
+    call("describe", "hog", hidden, "--image-root", tiny_route, "--out", tmp_path / "w.h5")
+    names = load_descriptors(tmp_path / "w.h5").image_names
+    assert names is not None
+    assert names[0] == ".winter/0.png"

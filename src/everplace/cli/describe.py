@@ -80,8 +80,9 @@ def _below(images: Path, root: Path | None) -> str:
     if root is None:
         return ""
     try:
-        return images.resolve().relative_to(root.resolve()).as_posix().removeprefix(".")
+        below = images.resolve().relative_to(root.resolve())
     except ValueError:
         raise ConfigError(
             f"--image-root {readable(root)} is not above {readable(images)}; name a directory that the images lie in"
         ) from None
+    return "" if below == Path() else below.as_posix()
