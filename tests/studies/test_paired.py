@@ -41,3 +41,5 @@ def test_drives_count_alike_however_long_they_are() -> None:
     assert result["difference"] == pytest.approx((1 + np.mean(long >= 6)) / 2 - np.mean(PLACES >= 1))
     assert result["no worse"] == 0.5
     assert result["low"] <= result["difference"] <= result["high"]
+    none = paired_difference(found(PLACES >= 0), [found(short >= 0, short), found(long < 0, long)])
+    assert [none["low"], none["difference"], none["high"]] == pytest.approx([-0.5] * 3)
