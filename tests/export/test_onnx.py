@@ -20,11 +20,21 @@ from everplace.describe.pipeline import describe_traverse
 from everplace.describe.protocol import Describer
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MachineError, MissingExtraError
+from everplace.experiments.evaluation import seen_places
+from everplace.experiments.ingredients import named_ingredients
 from everplace.export import onnx as export
 from everplace.export.onnx import export_onnx
 from everplace.model.checkpoint import save_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig, ModelKind
+
+ABOUT: dict[str, Any] = {
+    "recipe": "best",
+    "remedies": "oriented gradients",
+    "epoch": 3,
+    "trained_stems": ["0", "1"],
+    "held_out_stems": ["2"],
+}
 
 
 def saved_run(
@@ -57,7 +67,7 @@ def saved_run(
                     torch.nn.init.kaiming_normal_(parameter, a=0.1)
             for _ in range(4):
                 model.encoder(torch.rand(8, channels, 32, 64))
-    save_checkpoint(run, model, {})
+    save_checkpoint(run, model, ABOUT)
     (run / "config.toml").write_text('model = "cp-vae"\n')
     return run
 
@@ -126,6 +136,19 @@ def test_the_pair_is_written_and_nothing_else(exported: tuple[Path, Path, dict[s
     assert said["toml"] == str(network.with_suffix(".toml"))
     assert (said["dimension"], said["bytes"]) == (96, network.stat().st_size)
     assert 0 < said["difference"] <= 1e-4
+
+
+@pytest.mark.slow
+def test_the_network_says_how_its_run_was_trained(
+    exported: tuple[Path, Path, dict[str, Any]], tiny_route: Path
+) -> None:
+    run, network, _ = exported
+    describer = open_describer(f"onnx:{network}")
+    told = {name: describer.settings()[name] for name in ("recipe", "remedies", "epoch")}
+    assert told == {"recipe": "best", "remedies": "oriented gradients", "epoch": 3}
+    route = open_route(tiny_route)
+    assert seen_places(describer, route) == seen_places(open_describer(str(run)), route) == 3
+    assert named_ingredients(describer.settings()) == "recipe best; remedies: oriented gradients"
 
 
 def test_a_toml_of_another_kind_is_not_replaced(tmp_path: Path) -> None:

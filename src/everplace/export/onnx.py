@@ -2,7 +2,8 @@
 
 The network takes float32 images in [0, 1], any number of them, B×C×H×W, and gives the posterior mean of z_p (of all of
 z for the plain VAE, the code for the CAE). What the encoder does to its input is part of it; so mean 0 and scale 1
-stand in the TOML, and on a robot nothing is left to get wrong but the division by 255.
+stand in the TOML, and on a robot nothing is left to get wrong but the division by 255. The recipe, the remedies and the
+stems that the run was trained on go along in the network's metadata, and are told wherever its scores stand.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from everplace.data.images import resize_image
 from everplace.describe.methods.cae import CAEDescriber
 from everplace.describe.methods.onnx import OnnxDescriber
 from everplace.describe.methods.vae import VAEDescriber
+from everplace.describe.onnx_about import write_about
 from everplace.describe.onnx_toml import OnnxToml, onnx_toml_path, onnx_toml_text, read_onnx_toml
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MachineError, MethodError, MissingExtraError
@@ -101,6 +103,7 @@ def export_onnx(run: str | os.PathLike[str], out: Path) -> OnnxExport:
     _require_free(toml_path)
     with whole_file(out) as network:
         _write(_PlaceEncoder(describer.checkpoint.model), (config.channels, config.height, config.width), network)
+        write_about(network, describer.checkpoint.about)
         difference = _difference(describer, OnnxDescriber(network, toml))
         if not difference <= TOLERANCE:
             raise MachineError(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,24 +13,19 @@ from torch import Tensor
 
 from everplace.errors import CheckpointError
 from everplace.files import readable
+from everplace.model.about import plain_values, stems_seen
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.model.tensor_file import load_tensors, save_tensors
 
 __all__ = [
     "CHECKPOINT_NAME",
-    "HELD_OUT_STEMS",
-    "TRAINED_STEMS",
     "Checkpoint",
     "load_checkpoint",
     "save_checkpoint",
-    "stems_seen",
 ]
 
 CHECKPOINT_NAME = "checkpoint"
-TRAINED_STEMS, HELD_OUT_STEMS = "trained_stems", "held_out_stems"
-"""Where `about` lists the stems of the frames in the gradient, and of those that chose the epoch."""
-
 _FORMAT = 1
 
 
@@ -57,21 +51,14 @@ class Checkpoint:
 
     def settings(self) -> dict[str, str | int | float | bool]:
         """What tells this model from others: image, how it was trained and chosen, and the hash of its weights."""
-        known = {key: value for key, value in self.about.items() if isinstance(value, str | int | float | bool)}
         config = self.model.config
         return {
             "height": config.height,
             "width": config.width,
             "channels": config.channels,
-            **known,
+            **plain_values(self.about),
             "weights": self.sha256[:16],
         }
-
-
-def stems_seen(about: Mapping[str, Any]) -> frozenset[str]:
-    """The stems that `about` lists as trained on, or as having chosen the epoch."""
-    lists = [about.get(key) for key in (TRAINED_STEMS, HELD_OUT_STEMS)]
-    return frozenset(stem for some in lists if isinstance(some, list | tuple) for stem in some if isinstance(stem, str))
 
 
 def save_checkpoint(run: Path, model: ConditionVAE, about: dict[str, Any]) -> None:

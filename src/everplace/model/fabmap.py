@@ -16,7 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from everplace.errors import CheckpointError
 from everplace.files import readable
-from everplace.model.checkpoint import CHECKPOINT_NAME, stems_seen
+from everplace.model.about import stems_seen
+from everplace.model.checkpoint import CHECKPOINT_NAME
 from everplace.model.chow_liu import ChowLiuTree
 from everplace.model.place_likelihood import observe, sampled_new_place
 from everplace.model.tensor_file import load_tensors, save_tensors

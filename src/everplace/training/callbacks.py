@@ -11,8 +11,9 @@ import lightning
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
+from everplace.model.about import HELD_OUT_STEMS, TRAINED_STEMS
 from everplace.model.bounds import Weights
-from everplace.model.checkpoint import HELD_OUT_STEMS, TRAINED_STEMS, save_checkpoint
+from everplace.model.checkpoint import save_checkpoint
 from everplace.training.config import TrainConfig
 from everplace.training.frames import SplitRoute
 from everplace.training.metrics import MetricsTable

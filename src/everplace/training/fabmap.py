@@ -23,7 +23,7 @@ from everplace.data.images import ImageSpec, decode_images, read_image_bytes
 from everplace.data.route import Route
 from everplace.errors import ConfigError
 from everplace.files import readable
-from everplace.model.checkpoint import TRAINED_STEMS
+from everplace.model.about import TRAINED_STEMS
 from everplace.model.chow_liu import WordCounts, learn_tree
 from everplace.model.fabmap import FabMap, FabMapConfig, save_fabmap
 from everplace.model.vocabulary import FEATURE_DIMENSIONS, sift_features, words_of

@@ -171,6 +171,22 @@ def test_other_weights_are_other_settings_also_where_they_lie_in_a_file_of_their
         open_method(str(tmp_path / "net.onnx"))
 
 
+def test_a_network_of_another_maker_says_nothing_of_its_training(tmp_path: Path) -> None:
+    describer = open_method(str(write_network(tmp_path)))
+    assert describer.seen_stems == frozenset()
+    assert sorted(describer.settings()) == ["colour", "image_size", "l2", "layout", "mean", "scale", "weights"]
+
+
+@pytest.mark.parametrize("content", ["no JSON", "[1]", "[" * 200_000, "9" * 5000])
+def test_a_damaged_note_of_the_training_is_refused(tmp_path: Path, content: str) -> None:
+    path = write_network(tmp_path)
+    model = onnx.load(str(path))
+    helper.set_model_props(model, {"everplace.about": content})
+    onnx.save(model, str(path))
+    with pytest.raises(MethodError, match=r"what .*net\.onnx says of its making .* is damaged; export the run again"):
+        open_method(str(path))
+
+
 Change = Callable[[Path], Path]
 
 

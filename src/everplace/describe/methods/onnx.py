@@ -2,8 +2,8 @@
 
 The TOML says which images the network wants (see `everplace.describe.onnx_toml`); the network has one input, of a fixed
 or free number of images, and gives B×D numbers, 4 D bytes a descriptor, compared by cosine. `everplace export` writes
-such a pair for a trained model. ONNX (https://onnx.ai) is a file of operators and numbers: opening one runs no code of
-its maker. It runs in onnxruntime, without torch.
+such a pair for a trained model, and says in the network how it was trained. ONNX (https://onnx.ai) is a file of
+operators and numbers: opening one runs no code of its maker. It runs in onnxruntime, without torch.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from everplace.data.images import ImageSpec, usable_cores
 from everplace.describe.network_input import Normalisation, network_input
+from everplace.describe.onnx_about import read_about
 from everplace.describe.onnx_toml import OnnxToml, onnx_toml_path, read_onnx_toml
 from everplace.describe.protocol import Metric, require_images
 from everplace.downloads import sha256_of
 from everplace.errors import ConfigError, MethodError, MissingExtraError
 from everplace.files import readable
+from everplace.model.about import plain_values, stems_seen
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -73,16 +75,22 @@ class OnnxDescriber:
         self._toml = toml
         self._weights = _weights_hash(path)
         self._session = _session(path)
+        self._about = read_about(path, self._session.get_modelmeta().custom_metadata_map)
         self._input = _input(path, self._session, toml)
         self._output = _output_name(path, self._session, toml)
         self.batch = self._input.batch or _BATCH
         self.dimension = self._measured_dimension(path)
 
+    @property
+    def seen_stems(self) -> frozenset[str]:
+        """Stems that an exported run was trained on or chosen by; empty for a network that does not say."""
+        return stems_seen(self._about)
+
     def settings(self) -> dict[str, str | int | float | bool]:
-        """Returns what the TOML says and the hash of the network's file."""
+        """Returns how an exported run was trained, what the TOML says and the hash of the network's file."""
         told = self._toml.model_dump(mode="json", exclude_none=True)
         flat = {key: " ".join(map(str, value)) if isinstance(value, list) else value for key, value in told.items()}
-        return {**flat, "weights": self._weights[:16]}
+        return {**plain_values(self._about), **flat, "weights": self._weights[:16]}
 
     def describe(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Describes B×H×W×C images by B×D numbers.
