@@ -1,7 +1,11 @@
-"""The training loop of the Table 1 network against a bare loop that feeds it from a tensor in memory."""
+"""The training loop of the Table 1 network against a bare loop that feeds it from a tensor in memory.
+
+And what it gains by keeping the memory that a step frees.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections.abc import Iterator
@@ -22,6 +26,7 @@ from everplace.model.config import ModelConfig
 from everplace.model.images import to_input
 from everplace.training.config import TrainConfig
 from everplace.training.frames import EpochOrder, TrainingFrames, split_route
+from everplace.training.freed_memory import freed_memory_kept
 from everplace.training.module import BoundModule
 from everplace.training.remedies import RemedyTerms
 from everplace.training.terms import bound_terms
@@ -42,22 +47,27 @@ def measure(scratch: Path) -> list[Ratio]:
     order = EpochOrder(len(frames), BATCH, config.seed)
     model_config = ModelConfig(kind="cp-vae", conditions=split.conditions, places=split.places)
     stored = [frames[key] for key in order]
-    everplace, bare = [], []
-    for _ in range(ROUNDS):  # by turns, so that a busy machine slows both
-        remedies = RemedyTerms(model_config, config.remedies)
-        module = BoundModule(ConditionVAE(model_config), remedies, config, len(order))
-        everplace += _lightning_steps(module, frames, order)
-        bare += _bare_steps(ConditionVAE(model_config), config, [(to_input(b.images), b) for b in stored])
-    ours, theirs = float(np.median(everplace)), float(np.median(bare))
+    everplace, giving_back, bare = list[float](), list[float](), list[float]()
+    for _ in range(ROUNDS):  # by turns, so that a busy machine slows all
+        for times, memory in ((everplace, freed_memory_kept()), (giving_back, contextlib.nullcontext())):
+            remedies = RemedyTerms(model_config, config.remedies)
+            module = BoundModule(ConditionVAE(model_config), remedies, config, len(order))
+            with memory:
+                times.extend(_lightning_steps(module, frames, order))
+        with freed_memory_kept():
+            bare += _bare_steps(ConditionVAE(model_config), config, [(to_input(b.images), b) for b in stored])
+    ours, without, theirs = (float(np.median(steps)) for steps in (everplace, giving_back, bare))
+    speed = f"{BATCH / ours:.1f} images/s"
+    what = "training, Table 1, batch 32, 224×224×3"
     return [
         Ratio(
-            "training, Table 1, batch 32, 224×224×3",
-            f"{BATCH / ours:.1f} images/s from packed images",
-            f"{BATCH / theirs:.1f} images/s bare loop",
-            theirs / ours,
-            at_least=0.9,
-        )
-    ]
+            what, f"{speed} from packed images", f"{BATCH / theirs:.1f} images/s bare loop", theirs / ours, at_least=0.9
+        ),
+        Ratio(
+            f"{what}, freed memory kept", speed, f"{BATCH / without:.1f} images/s given back", without / ours,
+            at_least=1.1,
+        ),
+    ]  # fmt: skip
 
 
 class _Clock(lightning.Callback):

@@ -21,6 +21,7 @@ from everplace.training.frames import (
     require_enough_frames,
     split_route,
 )
+from everplace.training.freed_memory import freed_memory_kept
 from everplace.training.module import BoundModule
 from everplace.training.pairs import make_frames, make_order, require_shares
 from everplace.training.place_projection import fit_place_projection
@@ -110,7 +111,7 @@ def train(
     require_devices(devices)
     require_shares(split, config, devices * nodes)
     images = fingerprint(split, progress)
-    with locked(out):
+    with locked(out), freed_memory_kept():
         state = prepare_run(out, config, resume)
         if state is not None:
             require_same_images(state, images, out, route.root)
