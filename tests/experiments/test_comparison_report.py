@@ -11,11 +11,13 @@ from tests.experiments.comparing import untrained_run
 
 from everplace.data.route import open_route
 from everplace.describe.registry import open_describer
+from everplace.errors import ConfigError
 from everplace.experiments.comparison import Comparison, compare_methods
 from everplace.experiments.comparison_report import write_comparison
 from everplace.experiments.fitting import Methods
 from everplace.experiments.manifest import open_study
 from everplace.experiments.retrieval import Matching, Truth
+from everplace.training.run_directory import locked
 
 
 def written(route: Path, out: Path, **methods: str | Path) -> Comparison:
@@ -72,6 +74,15 @@ def test_a_bar_in_a_name_begins_no_cell(tiny_route: Path, tmp_path: Path) -> Non
     for row in rows:
         assert row.startswith("| a\\|b | ")
         assert row.count(" |") == len(header)
+
+
+def test_nothing_is_written_while_another_process_writes(tiny_route: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    comparison = written(tiny_route, out, sad="sad")
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
+    with locked(out), pytest.raises(ConfigError, match="is being written by another process"):
+        write_comparison(comparison, out, title="another", details={})
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == before
 
 
 @pytest.mark.slow
