@@ -2,8 +2,8 @@
 
 Every step allocates and frees the same tensors. glibc gives blocks above 32 MiB back to the system as soon as they are
 free, and the system then hands out every page anew, zeroed: at 224×224, in batches of 64, that is a third of the
-processor time of a training (`python -m benchmarks training`). Of torch's own allocators only those of accelerators keep
-what is freed.
+processor time of a training (`python -m benchmarks training`). Of torch's own allocators only those of accelerators
+keep what is freed.
 """
 
 from __future__ import annotations
