@@ -49,10 +49,23 @@ def test_afterwards_the_memory_is_given_back_even_when_training_failed() -> None
     assert faults_of_steps() > before / 2
 
 
-def test_another_c_library_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(name: object) -> None:
-        raise OSError(name)
+class _Musl:
+    """A C library without glibc's functions, but with one of the same name that would be called wrongly."""
 
-    monkeypatch.setattr(ctypes, "CDLL", refuse)
+    def mallopt(self, *_: int) -> None:
+        raise AssertionError("only glibc's parameters are known")
+
+
+@pytest.mark.parametrize("library", [_Musl(), OSError("no such library"), TypeError("Windows wants a name")])
+def test_another_c_library_is_left_alone(monkeypatch: pytest.MonkeyPatch, library: object) -> None:
+    def opened(name: object) -> object:
+        assert name is None
+        if isinstance(library, Exception):
+            raise library
+        return library
+
+    monkeypatch.setattr(ctypes, "CDLL", opened)
+    entered = False
     with freed_memory_kept():
-        pass
+        entered = True
+    assert entered

@@ -18,12 +18,7 @@ from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.model.tensor_file import load_tensors, save_tensors
 
-__all__ = [
-    "CHECKPOINT_NAME",
-    "Checkpoint",
-    "load_checkpoint",
-    "save_checkpoint",
-]
+__all__ = ["CHECKPOINT_NAME", "Checkpoint", "load_checkpoint", "save_checkpoint"]
 
 CHECKPOINT_NAME = "checkpoint"
 _FORMAT = 1
