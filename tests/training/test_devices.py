@@ -46,7 +46,7 @@ def test_two_processes_train_one_run_on_the_frames_that_one_would_take(route_pat
     script, out, seen = tmp_path / "train.py", tmp_path / "run", tmp_path / "seen"
     script.write_text(_SCRIPT)
     seen.mkdir()
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
     done = subprocess.run(
         [sys.executable, script, route_path, out, seen],
         env=environment, capture_output=True, text=True, timeout=180, check=False,

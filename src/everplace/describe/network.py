@@ -13,6 +13,7 @@ from everplace.data.images import ImageSpec
 from everplace.describe.network_input import Normalisation, network_input
 from everplace.describe.protocol import Metric, require_images
 from everplace.errors import MethodError
+from everplace.model.inference import inference
 
 __all__ = ["NetworkDescriber"]
 
@@ -78,7 +79,7 @@ class NetworkDescriber:
 
     def _output(self, images: NDArray[np.uint8]) -> Tensor:
         pixels = torch.from_numpy(network_input(images, self._normalisation)).to(self._device)
-        with torch.inference_mode():
+        with inference():
             output = self._network(pixels)
         if not isinstance(output, Tensor) or not output.is_floating_point():
             what = f"a tensor of {output.dtype}" if isinstance(output, Tensor) else f"a {type(output).__name__}"

@@ -30,6 +30,7 @@ from everplace.evaluate.scores import evaluate
 from everplace.match.similarity import similarity
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.images import to_input
+from everplace.model.inference import inference
 from everplace.model.posterior import ACTIVE_ABOVE
 
 __all__ = ["Audit", "Latents", "Probe", "SwapError", "audit", "encode_frames"]
@@ -135,7 +136,7 @@ def encode_frames(model: ConditionVAE, pixels: NDArray[np.uint8]) -> Latents:
     means: list[Tensor] = []
     kl = torch.zeros(model.config.latent_dimensions, device=device)
     model.eval()
-    with torch.inference_mode():
+    with inference():
         for images in _batches(pixels, device):
             posterior = model.encoder(images)
             means.append(posterior.mean.cpu())
@@ -268,7 +269,7 @@ def _swap_pair(
     choices = (own.mean(0, keepdim=True).expand_as(own), own, own.roll(half, dims=0))
     mean_image = to_input(torch.from_numpy(_mean(target)[None]).to(device))
     sums = np.zeros(len(choices) + 2)
-    with torch.inference_mode():
+    with inference():
         start = 0
         for before, after in zip(_batches(source, device), _batches(target, device), strict=True):
             rows = slice(start, start + len(before))

@@ -21,6 +21,7 @@ from everplace.model.checkpoint import load_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import LABELLED_KINDS
 from everplace.model.images import to_pixels
+from everplace.model.inference import inference
 from everplace.plots.canvas import new_figure
 from everplace.plots.grid import Translation, draw_constant_grid, draw_swap_grid, draw_translations
 
@@ -175,6 +176,6 @@ def _decoded(model: ConditionVAE, traverse: Traverse, positions: list[int]) -> N
 
 def _decode(model: ConditionVAE, z_p: NDArray[np.float32], z_c: NDArray[np.float32]) -> NDArray[np.uint8]:
     device = model.log_sigma.device
-    with torch.inference_mode():
+    with inference():
         z = model.split.join(torch.from_numpy(np.array(z_p)), torch.from_numpy(np.array(z_c)))
         return to_pixels(model.decoder(z.to(device)))

@@ -29,7 +29,7 @@ from everplace.training.remedies import RemedyTerms
 from everplace.training.run_directory import locked, prepare_run, require_same_images, require_usable
 from everplace.training.selection import select_route
 from everplace.training.state import ResumeState, RunProgress, require_fitting, save_state
-from everplace.training.trainer import make_trainer, require_devices, run_trainer
+from everplace.training.trainer import make_trainer, require_devices, run_trainer, torch_settings_kept
 from everplace.training.validation import criterion_name
 
 __all__ = ["TrainSummary", "require_trainable", "train"]
@@ -111,7 +111,7 @@ def train(
     require_devices(devices)
     require_shares(split, config, devices * nodes)
     images = fingerprint(split, progress)
-    with locked(out), freed_memory_kept():
+    with locked(out), freed_memory_kept(), torch_settings_kept():
         state = prepare_run(out, config, resume)
         if state is not None:
             require_same_images(state, images, out, route.root)

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import lightning
 import torch
@@ -17,15 +18,15 @@ from lightning.pytorch.loggers import Logger, TensorBoardLogger
 from lightning.pytorch.trainer.states import TrainerStatus
 from torch.utils.data import DataLoader
 
-from everplace.data.images import usable_cores
 from everplace.errors import ConfigError
+from everplace.training.ahead import BatchesAhead
 from everplace.training.callbacks import RunKeeper, TrainingDisplay
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch, EpochOrder, TrainingFrames
 from everplace.training.module import BoundModule
 from everplace.training.state import RunProgress
 
-__all__ = ["GRADIENT_NORM", "bf16_is_fast", "make_trainer", "require_devices", "run_trainer"]
+__all__ = ["GRADIENT_NORM", "bf16_is_fast", "make_trainer", "require_devices", "run_trainer", "torch_settings_kept"]
 
 GRADIENT_NORM = 5.0
 
@@ -48,6 +49,25 @@ def require_devices(devices: int) -> None:
         raise ConfigError(
             f"--devices {devices} was asked for, but this machine has {torch.cuda.device_count()}; give at most that"
         )
+
+
+@contextmanager
+def torch_settings_kept() -> Iterator[None]:
+    """Undoes what Lightning sets for the whole process: whether algorithms are deterministic, how they are chosen.
+
+    While it is open no new tensor is filled, which torch does with deterministic algorithms to show reads of memory
+    that was never written.
+    """
+    enabled, warn = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()
+    filling: Any = torch.utils.deterministic
+    benchmark, fill = torch.backends.cudnn.benchmark, filling.fill_uninitialized_memory
+    filling.fill_uninitialized_memory = False
+    try:
+        yield
+    finally:
+        filling.fill_uninitialized_memory = fill
+        torch.backends.cudnn.benchmark = benchmark
+        torch.use_deterministic_algorithms(enabled, warn_only=warn)
 
 
 def make_trainer(
@@ -93,14 +113,12 @@ def _tensorboard(out: Path) -> Logger | None:
     return TensorBoardLogger(out, name="tensorboard", version="")
 
 
-def _loader(frames: TrainingFrames, order: EpochOrder) -> DataLoader[Batch]:
-    # On the CPU the network uses all cores itself; a worker would only take one away.
-    workers = min(8, usable_cores()) if torch.cuda.is_available() else 0
-    # The loader draws a seed for its workers each epoch, which they do not use: not from the caller's random numbers.
-    return DataLoader(
-        frames, batch_size=None, sampler=order, num_workers=workers, persistent_workers=False,
-        pin_memory=workers > 0, generator=torch.Generator(),
-    )  # fmt: skip
+def _loader(frames: TrainingFrames, order: EpochOrder) -> DataLoader[Batch] | BatchesAhead:
+    if torch.cuda.is_available():
+        return BatchesAhead(frames, order, pin=True)
+    # On the CPU the network uses all cores itself; another thread would only take one away. The loader draws a seed for
+    # workers each epoch, which it does not have: not from the caller's random numbers.
+    return DataLoader(frames, batch_size=None, sampler=order, generator=torch.Generator())
 
 
 def run_trainer(trainer: lightning.Trainer, module: BoundModule, frames: TrainingFrames, order: EpochOrder) -> None:

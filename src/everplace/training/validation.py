@@ -14,6 +14,7 @@ from everplace.match.similarity import similarity
 from everplace.model.bounds import Weights
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.images import to_input
+from everplace.model.inference import inference
 from everplace.training.config import TrainConfig
 from everplace.training.frames import FrameBlock, SplitRoute
 from everplace.training.terms import bound_terms, step_noise
@@ -50,7 +51,7 @@ def validate(model: ConditionVAE, split: SplitRoute, tolerance: int, weights: We
     was_training = model.training
     model.eval()
     try:
-        with torch.inference_mode():
+        with inference():
             parts = [_encode(model, block, weights, index) for index, block in enumerate(split.held_out)]
     finally:
         model.train(was_training)

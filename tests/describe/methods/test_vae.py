@@ -54,7 +54,9 @@ def test_the_descriptor_is_the_posterior_mean_of_the_block(tmp_path: Path, kind:
     values, variance = describer.describe_with_variance(images)
     with torch.no_grad():
         posterior = model.encoder(to_input(torch.from_numpy(images)))
-    np.testing.assert_allclose(values, posterior.mean[:, :size].numpy(), atol=1e-6)
+    # Another device adds up in another order.
+    rounding = 1e-5 if torch.cuda.is_available() else 1e-6
+    np.testing.assert_allclose(values, posterior.mean[:, :size].numpy(), atol=rounding)
     np.testing.assert_allclose(variance, posterior.log_variance.exp()[:, :size].numpy(), rtol=1e-5)
     assert values.dtype == variance.dtype == np.float32
     assert np.array_equal(describer.describe(images), values)

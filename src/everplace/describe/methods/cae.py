@@ -16,6 +16,7 @@ from everplace.data.images import ImageSpec
 from everplace.describe.protocol import Metric, require_images
 from everplace.model.checkpoint import Checkpoint, load_checkpoint
 from everplace.model.images import to_input
+from everplace.model.inference import inference
 
 __all__ = ["CAEDescriber", "open_method"]
 
@@ -54,7 +55,7 @@ class CAEDescriber:
     def describe(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Describes a batch, B×H×W×C uint8, as B×128 float32."""
         require_images(images, self.image, self.method)
-        with torch.inference_mode():
+        with inference():
             code = self._model.descriptor(to_input(torch.from_numpy(images).to(self._device)))
         array: NDArray[np.float32] = code.float().cpu().numpy()
         return array

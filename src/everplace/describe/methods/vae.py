@@ -13,6 +13,7 @@ from everplace.describe.protocol import Metric, require_images
 from everplace.model.checkpoint import Checkpoint, load_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.images import to_input
+from everplace.model.inference import inference
 
 __all__ = ["VAEDescriber", "open_method"]
 
@@ -55,7 +56,7 @@ class VAEDescriber:
     def describe_with_variance(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """As `describe`, with the posterior variance of each value, B×D."""
         require_images(images, self.image, self.method)
-        with torch.inference_mode():
+        with inference():
             posterior = self._model.encoder(to_input(torch.from_numpy(images).to(self._device)))
             mean, variance = posterior.mean, posterior.log_variance.exp()
         return self._block(mean), self._block(variance)
