@@ -17,7 +17,6 @@ from typing import Literal, TypeAlias
 import lightning
 import numpy as np
 import torch
-from torch.utils.data import DataLoader
 
 from benchmarks.ratio import Ratio
 from everplace.data.render.config import render_config
@@ -27,20 +26,22 @@ from everplace.model.bounds import Weights, optimal_log_sigma
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.model.images import to_input
+from everplace.model.inference import default_device
 from everplace.training.config import TrainConfig
-from everplace.training.frames import EpochOrder, TrainingFrames, split_route
+from everplace.training.frames import Batch, EpochOrder, TrainingFrames, split_route
 from everplace.training.freed_memory import freed_memory_kept
 from everplace.training.module import BoundModule
 from everplace.training.remedies import RemedyTerms
 from everplace.training.terms import bound_terms
-from everplace.training.trainer import GRADIENT_NORM, bf16_is_fast
+from everplace.training.trainer import GRADIENT_NORM, bf16_is_fast, make_loader
 
 Loop: TypeAlias = Literal["everplace", "giving back", "bare"]
 
 SIZE = (224, 224)
 BATCH = 64  # as the recipes have it
-STEPS = 8
+STEPS = {"cpu": 8, "cuda": 40}
 ROUNDS = 3
+DEVICE = default_device()
 
 
 def measure(scratch: Path) -> list[Ratio]:
@@ -77,7 +78,8 @@ def _steps(loop: Loop, route: Path) -> list[float]:
     with contextlib.nullcontext() if loop == "giving back" else freed_memory_kept():
         if loop == "bare":
             stored = [frames[key] for key in order]
-            return _bare_steps(model, config, [(to_input(batch.images), batch) for batch in stored])
+            ready = [Batch(*(part.to(DEVICE) for part in batch)) for batch in stored]
+            return _bare_steps(model.to(DEVICE), config, [(to_input(batch.images), batch) for batch in ready])
         module = BoundModule(model, RemedyTerms(model.config, config.remedies), config, len(order))
         return _lightning_steps(module, frames, order)
 
@@ -101,9 +103,10 @@ class _Clock(lightning.Callback):
 def _lightning_steps(module: BoundModule, frames: TrainingFrames, order: EpochOrder) -> list[float]:
     clock = _Clock()
     trainer = lightning.Trainer(
-        accelerator="cpu",
-        max_steps=STEPS,
-        precision="bf16-mixed" if bf16_is_fast("cpu") else "32-true",
+        accelerator="gpu" if DEVICE.type == "cuda" else "cpu",
+        devices=1,
+        max_steps=STEPS[DEVICE.type],
+        precision="bf16-mixed" if bf16_is_fast(DEVICE.type) else "32-true",
         gradient_clip_val=GRADIENT_NORM,
         callbacks=[clock],
         logger=False,
@@ -112,19 +115,19 @@ def _lightning_steps(module: BoundModule, frames: TrainingFrames, order: EpochOr
         enable_model_summary=False,
         use_distributed_sampler=False,
     )
-    trainer.fit(module, DataLoader(frames, batch_size=None, sampler=order))
+    trainer.fit(module, make_loader(frames, order))
     return clock.steps[2:]
 
 
-def _bare_steps(model: ConditionVAE, config: TrainConfig, stored: list[tuple[torch.Tensor, object]]) -> list[float]:
+def _bare_steps(model: ConditionVAE, config: TrainConfig, stored: list[tuple[torch.Tensor, Batch]]) -> list[float]:
     optimizer = torch.optim.AdamW(model.parameters(), lr=1e-3, fused=True)
     weights = Weights(**config.weights.model_dump())
     times = []
     for index, (images, batch) in enumerate(_repeat(stored)):
         start = time.perf_counter()
-        with torch.autocast("cpu", enabled=bf16_is_fast("cpu"), dtype=torch.bfloat16):
-            output = model(images, torch.randn(len(images), 128))
-        labels = (batch.conditions, batch.places)  # type: ignore[attr-defined]
+        with torch.autocast(DEVICE.type, enabled=bf16_is_fast(DEVICE.type), dtype=torch.bfloat16):
+            output = model(images, torch.randn(len(images), 128, device=DEVICE))
+        labels = (batch.conditions, batch.places)
         log_sigma = optimal_log_sigma(images, output.reconstruction)
         terms = bound_terms(model, images, output, log_sigma, labels, weights)
         loss = -terms["bound"].mean() / images[0].numel()
@@ -132,12 +135,14 @@ def _bare_steps(model: ConditionVAE, config: TrainConfig, stored: list[tuple[tor
         torch.autograd.backward(loss)
         torch.nn.utils.clip_grad_norm_(model.parameters(), GRADIENT_NORM)
         optimizer.step()
+        if DEVICE.type == "cuda":
+            torch.cuda.synchronize()
         times.append(time.perf_counter() - start)
-        if index + 1 == STEPS:
+        if index + 1 == STEPS[DEVICE.type]:
             break
     return times[3:]
 
 
-def _repeat(stored: list[tuple[torch.Tensor, object]]) -> Iterator[tuple[torch.Tensor, object]]:
+def _repeat(stored: list[tuple[torch.Tensor, Batch]]) -> Iterator[tuple[torch.Tensor, Batch]]:
     while True:
         yield from stored

@@ -69,7 +69,7 @@ def test_a_run_is_the_same_whether_its_batches_are_made_ahead_or_not(
         made.append(BatchesAhead(frames, order, pin=False, threads=3))  # type: ignore[arg-type]
         return made[-1]
 
-    monkeypatch.setattr(trainer, "_loader", loader)
+    monkeypatch.setattr(trainer, "make_loader", loader)
     train(route, config, tmp_path / "other")
     assert len(made) == 1
     one, other = (load_checkpoint(tmp_path / name).model.state_dict() for name in ("one", "other"))

@@ -13,7 +13,7 @@ from everplace.data.images import ImageSpec
 from everplace.describe.network_input import Normalisation, network_input
 from everplace.describe.protocol import Metric, require_images
 from everplace.errors import MethodError
-from everplace.model.inference import inference
+from everplace.model.inference import default_device, inference
 
 __all__ = ["NetworkDescriber"]
 
@@ -49,7 +49,7 @@ class NetworkDescriber:
         self.batch = batch
         self._normalisation = normalisation
         self._settings = dict(settings)
-        self._device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
+        self._device = torch.device(device or default_device())
         self._network = network.to(self._device).eval().requires_grad_(False)
         self.dimension = self._measured_dimension() if dimension is None else dimension
 

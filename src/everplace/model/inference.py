@@ -1,4 +1,4 @@
-"""How a trained network is applied: without gradients, and with the same numbers on every device, but for rounding."""
+"""Where and how a network is applied: without gradients, with the same numbers on every device, but for rounding."""
 
 from __future__ import annotations
 
@@ -7,7 +7,12 @@ from contextlib import contextmanager
 
 import torch
 
-__all__ = ["inference"]
+__all__ = ["default_device", "inference"]
+
+
+def default_device() -> torch.device:
+    """The CUDA device, where there is one, else the processor."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 
 import numpy as np
@@ -13,6 +14,7 @@ from everplace.errors import ConfigError
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.discriminant import PlaceScatter
 from everplace.model.images import to_input
+from everplace.model.inference import default_device, inference
 from everplace.model.oriented_gradients import OrientedGradients
 from everplace.progress import Progress, quiet
 from everplace.training.frames import SplitRoute
@@ -26,7 +28,11 @@ _STRETCHES_A_BLOCK = 5
 
 
 def fit_place_projection(
-    model: ConditionVAE, split: SplitRoute, config: PlaceProjection, progress: Progress = quiet
+    model: ConditionVAE,
+    split: SplitRoute,
+    config: PlaceProjection,
+    progress: Progress = quiet,
+    device: torch.device | None = None,
 ) -> None:
     """Sets `model.encoder.place_projection` to the discriminant of the training places.
 
@@ -40,6 +46,7 @@ def fit_place_projection(
         split: At least two aligned traverses.
         config: What is counted, and how often.
         progress: Told of the blocks of places.
+        device: Computes the oriented gradients; None: the CUDA device, where there is one.
 
     Raises:
         ConfigError: z_p is larger than the oriented gradients of an image.
@@ -53,14 +60,15 @@ def fit_place_projection(
             f"images of this size have {gradients.features} oriented gradients, too few for a z_p of {dimensions}; "
             "give a larger image_size or set oriented_gradients to false"
         )
+    computed = _Gradients(gradients, device or default_device())
     scatter, stretches = (PlaceScatter(len(split.training), gradients.features) for _ in range(2))
-    light = _LightScatter(gradients)
+    light = _LightScatter(computed)
     block = STRETCH * _STRETCHES_A_BLOCK
     starts = range(0, split.places, block)
     for start in progress(starts, "places for the projection", len(starts)):
         images = [to_input(torch.from_numpy(part.pixels[start : start + block].copy())) for part in split.training]
         for mirrored in (False, True):
-            features = np.stack([gradients(part.flip(3) if mirrored else part).numpy() for part in images])
+            features = np.stack([computed(part.flip(3) if mirrored else part) for part in images])
             scatter.add(features)
             stretches.add(_stretch_means(features))
             if not mirrored:
@@ -70,6 +78,21 @@ def fit_place_projection(
     with torch.no_grad():
         projection.weight.copy_(torch.from_numpy(found.weight))
         projection.bias.copy_(torch.from_numpy(found.bias))
+
+
+class _Gradients:
+    """Oriented gradients as arrays, computed on a device."""
+
+    def __init__(self, gradients: OrientedGradients, device: torch.device) -> None:
+        self.features = gradients.features
+        self._device = device
+        self._layer = copy.deepcopy(gradients).to(device)
+
+    def __call__(self, images: Tensor) -> NDArray[np.float32]:
+        """(N, features) of N images."""
+        with inference():
+            described: NDArray[np.float32] = self._layer(images.to(self._device)).cpu().numpy()
+        return described
 
 
 def _stretch_means(features: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -106,7 +129,7 @@ _OTHER_LIGHT: tuple[tuple[Callable[[Tensor], Tensor], float], ...] = (
 class _LightScatter:
     """How features change when the light does: half the mean outer product of the change, weighted and summed up."""
 
-    def __init__(self, gradients: OrientedGradients) -> None:
+    def __init__(self, gradients: _Gradients) -> None:
         self._gradients = gradients
         self._frames = 0
         self._sum = np.zeros((gradients.features, gradients.features))
@@ -116,7 +139,7 @@ class _LightScatter:
         before = features.reshape(len(images), -1).astype(np.float64)
         self._frames += len(images)
         for change, weight in _OTHER_LIGHT:
-            moved = self._gradients(change(images)).numpy() - before
+            moved = self._gradients(change(images)) - before
             self._sum += weight * moved.T @ moved
 
     def scatter(self) -> NDArray[np.float64]:

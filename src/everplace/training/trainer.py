@@ -19,6 +19,7 @@ from lightning.pytorch.trainer.states import TrainerStatus
 from torch.utils.data import DataLoader
 
 from everplace.errors import ConfigError
+from everplace.model.inference import default_device
 from everplace.training.ahead import BatchesAhead
 from everplace.training.callbacks import RunKeeper, TrainingDisplay
 from everplace.training.config import TrainConfig
@@ -26,7 +27,15 @@ from everplace.training.frames import Batch, EpochOrder, TrainingFrames
 from everplace.training.module import BoundModule
 from everplace.training.state import RunProgress
 
-__all__ = ["GRADIENT_NORM", "bf16_is_fast", "make_trainer", "require_devices", "run_trainer", "torch_settings_kept"]
+__all__ = [
+    "GRADIENT_NORM",
+    "bf16_is_fast",
+    "make_loader",
+    "make_trainer",
+    "require_devices",
+    "run_trainer",
+    "torch_settings_kept",
+]
 
 GRADIENT_NORM = 5.0
 
@@ -84,7 +93,7 @@ def make_trainer(
         nodes: Machines.
         show: Whether progress is shown.
     """
-    device = "cuda" if torch.cuda.is_available() else "cpu"
+    device = default_device().type
     callbacks: list[lightning.Callback] = [keeper]
     if show:
         callbacks.append(TrainingDisplay(keeper, config))
@@ -113,8 +122,14 @@ def _tensorboard(out: Path) -> Logger | None:
     return TensorBoardLogger(out, name="tensorboard", version="")
 
 
-def _loader(frames: TrainingFrames, order: EpochOrder) -> DataLoader[Batch] | BatchesAhead:
-    if torch.cuda.is_available():
+def make_loader(frames: TrainingFrames, order: EpochOrder) -> DataLoader[Batch] | BatchesAhead:
+    """Makes what gives the batches of each epoch: ahead of the steps, where a device leaves the processor free.
+
+    Args:
+        frames: The training frames.
+        order: In which they come.
+    """
+    if default_device().type == "cuda":
         return BatchesAhead(frames, order, pin=True)
     # On the CPU the network uses all cores itself; another thread would only take one away. The loader draws a seed for
     # workers each epoch, which it does not have: not from the caller's random numbers.
@@ -138,7 +153,7 @@ def run_trainer(trainer: lightning.Trainer, module: BoundModule, frames: Trainin
     on_interrupt = signal.getsignal(signal.SIGINT)
     try:
         with _quiet_lightning():
-            trainer.fit(module, _loader(frames, order))
+            trainer.fit(module, make_loader(frames, order))
     except SystemExit:
         # Lightning turns Ctrl-C into exit status 1, and has the process ignore the next one; the command line has its
         # own answer to it.

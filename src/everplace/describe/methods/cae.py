@@ -16,7 +16,7 @@ from everplace.data.images import ImageSpec
 from everplace.describe.protocol import Metric, require_images
 from everplace.model.checkpoint import Checkpoint, load_checkpoint
 from everplace.model.images import to_input
-from everplace.model.inference import inference
+from everplace.model.inference import default_device, inference
 
 __all__ = ["CAEDescriber", "open_method"]
 
@@ -40,7 +40,7 @@ class CAEDescriber:
         config = checkpoint.model.config
         self.image = ImageSpec((config.height, config.width), grey=config.channels == 1)
         self.dimension = config.descriptor_dimensions
-        self._device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
+        self._device = torch.device(device or default_device())
         self._model = checkpoint.model.to(self._device).eval()
 
     @property

@@ -13,7 +13,7 @@ from everplace.describe.protocol import Metric, require_images
 from everplace.model.checkpoint import Checkpoint, load_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.images import to_input
-from everplace.model.inference import inference
+from everplace.model.inference import default_device, inference
 
 __all__ = ["VAEDescriber", "open_method"]
 
@@ -37,7 +37,7 @@ class VAEDescriber:
         self.method: str = config.kind
         self.image = ImageSpec((config.height, config.width), grey=config.channels == 1)
         self.dimension = config.descriptor_dimensions
-        self._device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
+        self._device = torch.device(device or default_device())
         self._model: ConditionVAE = checkpoint.model.to(self._device).eval()
 
     @property
