@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from everplace.data.route import Route
 from everplace.errors import ConfigError
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
+from everplace.model.inference import default_device
 from everplace.progress import Progress, quiet
 from everplace.training.callbacks import RunKeeper
 from everplace.training.config import TrainConfig
@@ -111,7 +113,9 @@ def train(
     require_devices(devices)
     require_shares(split, config, devices * nodes)
     images = fingerprint(split, progress)
-    with locked(out), freed_memory_kept(), torch_settings_kept():
+    # A CUDA device keeps its own memory, and the threads that make its batches do without this.
+    memory = freed_memory_kept() if default_device().type == "cpu" else contextlib.nullcontext()
+    with locked(out), memory, torch_settings_kept():
         state = prepare_run(out, config, resume)
         if state is not None:
             require_same_images(state, images, out, route.root)
