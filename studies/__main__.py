@@ -20,7 +20,7 @@ from everplace.experiments.retrieval import Matching, Truth
 from everplace.files import write_text
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
-from studies import comparisons, sequences
+from studies import comparisons, folds, sequences
 from studies.protocols import PROTOCOLS, Protocol
 from studies.tables import spread
 
@@ -35,13 +35,13 @@ def main() -> None:
 
 
 def study() -> None:
-    others = {"sequences": sequences.main, "comparisons": comparisons.main}
+    others = {"sequences": sequences.main, "comparisons": comparisons.main, "folds": folds.main}
     if sys.argv[1:] and sys.argv[1] in others:
         others[sys.argv[1]](sys.argv[2:])
         return
     parser = argparse.ArgumentParser(prog="python -m studies", description=__doc__)
     parser.add_argument(
-        "study", choices=list(PROTOCOLS), help="or sequences or comparisons, which have options of their own"
+        "study", choices=list(PROTOCOLS), help="or sequences, folds or comparisons, which have options of their own"
     )
     parser.add_argument("--data", type=Path, required=True, help="directory that holds the study's route")
     parser.add_argument("--out", type=Path, required=True, help="directory for runs, ledger and table.md")

@@ -9,9 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from everplace.data.route import Route
+from everplace.data.selection import Selection, parse_frames
 from everplace.data.traverse import Traverse
+from everplace.data.truth import truth_by_position
 from everplace.describe.descriptors import Descriptors
 from everplace.experiments.drive import resample_drive
+from everplace.experiments.retrieval import choose_pair
 from everplace.match.search import compared
 from everplace.match.similarity import similarity
 from everplace.match.standardise import Standardisation
@@ -35,6 +39,36 @@ class Recorded:
         return np.flatnonzero(np.diff(self.place, prepend=-1))
 
 
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The frames of nordland64 that a study is about, winter against summer.
+
+    Attributes:
+        whole: The second drive, with the frames in which the train stands.
+        place: The place of the map that each of its frames shows, ascending.
+        database: The map.
+        truth: Places × places: what counts as right.
+    """
+
+    whole: Traverse
+    place: NDArray[np.int64]
+    database: Traverse
+    truth: NDArray[np.bool_]
+
+
+TOLERANCE = 1
+
+
+def choose_drives(route: Route, frames: str) -> Choice:
+    """Chooses places as `--frames` does, dark and stationary ones dropped."""
+    _, pair = choose_pair(
+        route, "winter", "summer", Selection(parse_frames(frames), drop_dark=True, drop_stationary=True)
+    )
+    _, lit = choose_pair(route, "winter", "summer", Selection(drop_dark=True))
+    whole, place = with_stops(lit.query, pair.query)
+    return Choice(whole, place, pair.database, truth_by_position(pair.query, pair.database, TOLERANCE))
+
+
 @dataclass(frozen=True)
 class Drive:
     """A second drive and the map it is on.
@@ -52,10 +86,12 @@ class Drive:
     hole: float = 0.0
 
 
+AS_RECORDED = Drive("as recorded")
+RESAMPLED = Drive("speeds 0.7 to 1.4, stops", {})
 DRIVES = (
-    Drive("as recorded"),
+    AS_RECORDED,
     Drive("as recorded, standing too", stands=True),
-    Drive("speeds 0.7 to 1.4, stops", {}),
+    RESAMPLED,
     Drive("and stretches in reverse", {"reverse": 0.02}),
     Drive("and 4 kidnappings", {"reverse": 0.02, "jumps": 4}),
     Drive("and a fifth off the map", {"reverse": 0.02, "jumps": 4}, hole=0.2),

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Found", "paired_difference"]
+__all__ = ["Found", "found_on", "paired_difference", "together"]
 
 STRETCH = 20
 """Places that are drawn together: neighbours are right and wrong together."""
@@ -27,6 +28,24 @@ class Found:
 
     place: NDArray[np.int64]
     right: NDArray[np.bool_]
+
+
+def found_on(S: NDArray[Any], truth: NDArray[np.bool_], shown: NDArray[np.int64]) -> Found:
+    """What the best scores find.
+
+    Args:
+        S: M×N scores.
+        truth: M×N.
+        shown: M: the place that each frame shows.
+    """
+    mapped = truth.any(axis=1)
+    return Found(shown[mapped], truth[np.arange(len(S)), S.argmax(axis=1)][mapped])
+
+
+def together(parts: Sequence[Found], starts: Sequence[int]) -> Found:
+    """One drive through all parts; `starts` are the places at which they begin."""
+    places = [part.place + start for part, start in zip(parts, starts, strict=True)]
+    return Found(np.concatenate(places), np.concatenate([part.right for part in parts]))
 
 
 def paired_difference(recorded: Found, drives: Sequence[Found]) -> dict[str, float]:

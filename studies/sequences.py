@@ -16,13 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.data.route import open_route
-from everplace.data.selection import Selection, parse_frames
-from everplace.data.truth import truth_by_position
 from everplace.describe.descriptors import Descriptors
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
 from everplace.evaluate.scores import evaluate
-from everplace.experiments.retrieval import choose_pair
 from everplace.files import write_text
 from everplace.match.frame_change import View, change_in_steps, new_frames
 from everplace.match.route_filter import Answer, RouteFilter, filter_windows
@@ -32,10 +29,9 @@ from everplace.match.search import compared
 from everplace.match.sequence import SEQUENCE_METHODS, search_sequences
 from everplace.match.similarity import similarity
 from everplace.match.standardise import Standardisation
-from studies.drives import DRIVES, Drive, Recorded, similarities, with_stops
-from studies.paired import Found, paired_difference
+from studies.drives import DRIVES, TOLERANCE, Drive, Recorded, choose_drives, similarities
+from studies.paired import Found, found_on, paired_difference
 
-TOLERANCE = 1
 SURE = 0.9
 KNOWN = "motion known"
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -51,22 +47,18 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--seeds", type=int, default=5, help="drives that are averaged")
     given = parser.parse_args(arguments)
     route = open_route(given.data / "nordland64")
-    selection = Selection(parse_frames(given.frames), drop_dark=True, drop_stationary=True)
-    _, pair = choose_pair(route, "winter", "summer", selection)
-    _, lit = choose_pair(route, "winter", "summer", Selection(drop_dark=True))
-    whole, place = with_stops(lit.query, pair.query)
-    truth = truth_by_position(pair.query, pair.database, TOLERANCE)
+    chosen = choose_drives(route, given.frames)
     lines, metrics = [f"nordland64, winter against summer, --frames {given.frames}, ±{TOLERANCE} frames", ""], []
     for method in given.methods:
         describer = open_describer(method)
-        recorded = Recorded(describe_traverse(describer, whole), place)
-        database = describe_traverse(describer, pair.database)
+        recorded = Recorded(describe_traverse(describer, chosen.whole), chosen.place)
+        database = describe_traverse(describer, chosen.database)
         for how in (None, "centre"):
             print(method, how or "plain", file=sys.stderr)
             changes = _changes(recorded, database, how)
             rows: list[dict[str, Any]] = []
             for drive in DRIVES:
-                row, found = _measure(recorded, database, truth, how, drive, given.lengths, given.seeds)
+                row, found = _measure(recorded, database, chosen.truth, how, drive, given.lengths, given.seeds)
                 if not rows:
                     as_recorded = found
                 elif drive.options is not None and not drive.hole:
@@ -104,7 +96,7 @@ def _measure(
                 found = search_sequences(S, length, search)
                 scores.setdefault(f"{search}, {length} frames", []).append(_score(found, matches))
                 if search == "filter":
-                    one = _found(found, matches, shown)
+                    one = found_on(found, matches, shown)
                     by_frame.setdefault(f"{search}, {length} frames", []).append(one)
                     once = f"{search}, {length} frames, every place once"
                     scores.setdefault(once, []).append((_by_place(one),))
@@ -190,11 +182,6 @@ def filter_last(S: NDArray[Any], length: int) -> NDArray[np.float32]:
         if new[new <= row][-length:][0] < first:  # else the last L views are these frames
             out[row] = filter_windows(S[first : row + 1], length)[-1]
     return out
-
-
-def _found(S: NDArray[Any], truth: NDArray[np.bool_], shown: NDArray[np.int64]) -> Found:
-    mapped = truth.any(axis=1)
-    return Found(shown[mapped], truth[np.arange(len(S)), S.argmax(axis=1)][mapped])
 
 
 def _by_place(found: Found) -> float:

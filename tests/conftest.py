@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -44,23 +44,35 @@ def tiny_route(unchanged_tiny_route: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(unchanged_tiny_route, tmp_path / "tiny"))
 
 
+MakeLandscapes = Callable[[Path, int], Path]
+
+
 @pytest.fixture(scope="session")
-def unchanged_tiny_route(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A route of two conditions, `summer` and `winter`, with 12 places of 32×64 colour PNGs named 0 to 11.
+def make_landscapes() -> MakeLandscapes:
+    """Makes a route of two conditions, `summer` and `winter`, with 32×64 colour PNGs named 0, 1, 2, ...
 
     Each place is a smooth random landscape of its own; winter is paler, bluer and shifted by one pixel.
     """
-    root = tmp_path_factory.mktemp("route") / "tiny"
-    rng = np.random.default_rng(7)
-    for condition in ("summer", "winter"):
-        (root / condition).mkdir(parents=True)
-    for place in range(PLACES):
-        coarse = rng.integers(30, 226, (4, 8, 3), dtype=np.uint8)
-        summer = np.asarray(Image.fromarray(coarse).resize((64, 32), Image.Resampling.BICUBIC))
-        pale = np.roll(summer, 1, axis=1) * np.array([0.5, 0.55, 0.6]) + np.array([70.0, 75.0, 90.0])
-        Image.fromarray(summer).save(root / "summer" / f"{place}.png")
-        Image.fromarray(pale.astype(np.uint8)).save(root / "winter" / f"{place}.png")
-    return root
+
+    def make(root: Path, places: int) -> Path:
+        rng = np.random.default_rng(7)
+        for condition in ("summer", "winter"):
+            (root / condition).mkdir(parents=True)
+        for place in range(places):
+            coarse = rng.integers(30, 226, (4, 8, 3), dtype=np.uint8)
+            summer = np.asarray(Image.fromarray(coarse).resize((64, 32), Image.Resampling.BICUBIC))
+            pale = np.roll(summer, 1, axis=1) * np.array([0.5, 0.55, 0.6]) + np.array([70.0, 75.0, 90.0])
+            Image.fromarray(summer).save(root / "summer" / f"{place}.png")
+            Image.fromarray(pale.astype(np.uint8)).save(root / "winter" / f"{place}.png")
+        return root
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def unchanged_tiny_route(tmp_path_factory: pytest.TempPathFactory, make_landscapes: MakeLandscapes) -> Path:
+    """A route of 12 places as `make_landscapes` makes it; nobody may change it."""
+    return make_landscapes(tmp_path_factory.mktemp("route") / "tiny", PLACES)
 
 
 @pytest.fixture

@@ -1,0 +1,75 @@
+"""The study of folds: no model is tested on what it saw, and the whole of it on a small route."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from studies.folds import FOLDS, GAP, cut
+from studies.paired import Found, together
+
+from everplace.model.checkpoint import load_checkpoint
+
+ROOT = Path(__file__).parents[2]
+
+
+@given(st.integers(5 * GAP, 20_000))
+def test_the_folds_cover_all_places_once_and_the_longest_rest_is_trained_on(places: int) -> None:
+    folds = cut(places)
+    assert [place for fold in folds for place in range(fold.start, fold.end)] == list(range(places))
+    for fold in folds:
+        first, last = map(int, fold.trained.split(":"))
+        gap = max(first - fold.end, fold.start - last)
+        assert gap == GAP
+        assert last - first == max(fold.start, places - fold.end) - GAP
+
+
+def test_drives_through_all_folds_keep_their_places_apart() -> None:
+    parts = [
+        Found(np.array([0, 1]), np.array([True, False])),
+        Found(np.array([0, 0, 2]), np.array([False, True, True])),
+    ]
+    whole = together(parts, [0, 2])
+    assert whole.place.tolist() == [0, 1, 2, 2, 4]
+    assert whole.right.tolist() == [True, False, False, True, True]
+
+
+@pytest.mark.slow
+def test_every_fold_is_tested_by_a_model_that_never_saw_it(
+    make_landscapes: Callable[[Path, int], Path], tmp_path: Path
+) -> None:
+    make_landscapes(tmp_path / "nordland64", 200)
+    options = ["--seeds", "3", "--epochs", "1", "--drives", "2", "--length", "4"]
+    subprocess.run(
+        [sys.executable, "-m", "studies", "folds", "--data", tmp_path, "--out", tmp_path / "out", *options],
+        check=True,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": "src"},
+    )
+    runs = sorted((tmp_path / "out" / "runs").iterdir())
+    assert len(runs) == FOLDS
+    for run in runs:
+        _, start, _, end, _, seed = run.name.split("-")
+        seen = load_checkpoint(run).seen_stems
+        assert seen
+        assert not seen & {str(place) for place in range(int(start) - GAP, int(end) + GAP)}
+        assert seed == "3"
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert list(metrics) == ["`best`, seed 3", "HOG"]
+    for of in metrics.values():
+        one = of["all places"]
+        assert one["recorded"] == pytest.approx(np.mean([fold["recorded"] for fold in of["folds"]]))
+        assert one["difference"] == pytest.approx(one["resampled"] - one["recorded"])
+        assert one["one frame"] == pytest.approx(np.mean([fold["one frame"][0] for fold in of["folds"]]))
+        assert one["one frame"] > 0.9
+    table = (tmp_path / "out" / "table.md").read_text()
+    assert "| 160:200 | 0:140 | `best`, seed 3 |" in table
+    assert "| 0:40 | none | HOG |" in table
