@@ -154,14 +154,19 @@ def test_of_places_that_look_alike_the_middle_is_the_answer() -> None:
     assert filter_windows(S, 1).argmax() == RouteFilter(30).update(S[0]).place == 12
 
 
-def test_certainty_keeps_its_order() -> None:
-    S = np.zeros((3, 30))
-    S[:, 7] = [50.0, 60.0, 70.0]
-    S[1:] += np.random.default_rng(7).random((2, 30)) * 1e-3
-    odds = filter_windows(S, 3)
-    assert (odds.argmax(axis=1) == 7).all()
+def test_certainty_grows_with_the_frames_that_agree() -> None:
+    frames = np.arange(12)
+    S = np.random.default_rng(7).random((12, 30)) * 1e-3
+    S[frames, 7 + frames] = 50.0 + frames
+    odds = filter_windows(S, 12)
+    assert (odds.argmax(axis=1) == 7 + frames).all()
     assert np.isfinite(odds).all()
-    assert odds[0, 7] > 5
+    # One frame, however sure of the place, leaves the chance to be off the map as it was, but for the doubt.
+    model = RouteModel()
+    assert odds[0, 7] == pytest.approx(np.log(model.start / (1 - model.start)) - model.doubt, abs=0.01)
+    certainty = odds[frames, 7 + frames]
+    assert (np.diff(certainty[:5]) > 0.1).all()
+    assert certainty[-1] > 6
 
 
 def test_the_filter_keeps_no_frames() -> None:

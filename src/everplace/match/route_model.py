@@ -35,7 +35,7 @@ class RouteModel:
         separation: By how many standard deviations of a frame's scores its true place scores above their mean.
         outlier: Share of frames whose scores say nothing about the true place: glare, a lorry, a wiper.
         doubt: Nats by which each frame counts against being on the map. Neighbouring frames look alike, so that along
-            some path scores agree by chance more often than the model's independent frames would.
+            some path frames agree by chance more often than the model's independent frames would.
         repeat: Share of the change that a step along the map brings, below which a frame shows the last one again and
             does not count (`everplace.match.frame_change`).
         beside: What an answer next to the true place is worth, where the true place is worth 1. Among places that look
@@ -50,7 +50,7 @@ class RouteModel:
     enter: float = 0.1
     separation: float = 2.5
     outlier: float = 0.2
-    doubt: float = 0.5
+    doubt: float = 0.75
     repeat: float = 0.015
     beside: float = 0.75
 
@@ -120,20 +120,23 @@ def beside(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def likelihood_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.float64]:
-    """Says how much likelier each frame's scores are if it shows the place than if it does not.
+    """Says how much likelier each frame's scores are if it shows the place than if it is not on the map.
 
     With z = (score - mean) / standard deviation over the frame's own scores, background places are taken as
-    N(0, 1) and the true place as N(d, 1), d = `separation`; a share ε = `outlier` of frames says nothing:
-    ratio = ((1 - ε) exp(d z - d²/2) + ε) exp(-`doubt`). So the ratios do not change when scores are shifted
-    or scaled by a positive number, and no method needs a temperature of its own. "Not on the map" has the ratio 1.
+    N(0, 1) and the true place as N(d, 1), d = `separation`; a share ε = `outlier` of frames says nothing. Place j then
+    has the likelihood w_j = (1 - ε) exp(d z_j - d²/2) + ε, in units of that of background alone. A frame off the map is
+    taken to score as frames of a random place do, whatever the method's scores are like: its likelihood is the mean w.
+    So one frame says nothing of whether the robot is on the map, and only frames that agree on a path do:
+    ratio_j = w_j / mean(w) exp(-`doubt`). The ratios do not change when scores are shifted or scaled by a positive
+    number, and no method needs a temperature of its own. "Not on the map" has the ratio 1.
 
     Args:
         scores: ...×N, higher = more alike. NaN: the place has no score, and its ratio is 1. Infinities do not
-            count for mean and deviation. A frame whose scores are all equal says nothing.
+            count for mean and deviation. A frame whose scores are all equal says nothing: all its ratios are 1.
         model: The assumptions.
 
     Returns:
-        ...×N, at least ε exp(-`doubt`).
+        ...×N, positive, at most N exp(-`doubt`).
     """
     S = np.asarray(scores, np.float64)
     known = np.isfinite(S)
@@ -148,10 +151,16 @@ def likelihood_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.flo
     z *= np.divide(d, spread, out=np.full_like(spread, np.nan), where=varies)
     z -= d * d / 2
     ratios: NDArray[np.float64] = np.exp(np.minimum(z, _LARGEST, out=z), out=z)
-    ratios *= (1 - model.outlier) * np.exp(-model.doubt)
-    ratios += model.outlier * np.exp(-model.doubt)
+    scored: Any = True
     if not (complete and varies.all()):
-        ratios[np.isnan(ratios)] = 1.0
+        scored = ~np.isnan(ratios)
+        count = np.maximum(scored.sum(axis=-1, keepdims=True), 1)
+    random_place = (1 - model.outlier) * ratios.sum(axis=-1, keepdims=True, where=scored) / count + model.outlier
+    doubted = np.exp(-model.doubt) / random_place
+    ratios *= (1 - model.outlier) * doubted
+    ratios += model.outlier * doubted
+    if scored is not True:
+        ratios[~scored] = 1.0
     return ratios
 
 
