@@ -33,7 +33,7 @@ from everplace.training.freed_memory import freed_memory_kept
 from everplace.training.module import BoundModule
 from everplace.training.remedies import RemedyTerms
 from everplace.training.terms import bound_terms
-from everplace.training.trainer import GRADIENT_NORM, bf16_is_fast, make_loader
+from everplace.training.trainer import GRADIENT_NORM, bf16_is_fast, make_loader, torch_settings_kept
 
 Loop: TypeAlias = Literal["everplace", "giving back", "bare"]
 
@@ -107,6 +107,7 @@ def _lightning_steps(module: BoundModule, frames: TrainingFrames, order: EpochOr
         devices=1,
         max_steps=STEPS[DEVICE.type],
         precision="bf16-mixed" if bf16_is_fast(DEVICE.type) else "32-true",
+        deterministic="warn" if DEVICE.type == "cuda" else False,
         gradient_clip_val=GRADIENT_NORM,
         callbacks=[clock],
         logger=False,
@@ -115,7 +116,8 @@ def _lightning_steps(module: BoundModule, frames: TrainingFrames, order: EpochOr
         enable_model_summary=False,
         use_distributed_sampler=False,
     )
-    trainer.fit(module, make_loader(frames, order))
+    with torch_settings_kept():
+        trainer.fit(module, make_loader(frames, order))
     return clock.steps[2:]
 
 

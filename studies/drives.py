@@ -40,8 +40,8 @@ class Recorded:
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
-    """The frames of nordland64 that a study is about, winter against summer.
+class DrivePair:
+    """A second drive of nordland64 and the map it is on: winter against summer.
 
     Attributes:
         whole: The second drive, with the frames in which the train stands.
@@ -59,14 +59,14 @@ class Choice:
 TOLERANCE = 1
 
 
-def choose_drives(route: Route, frames: str) -> Choice:
+def choose_drives(route: Route, frames: str) -> DrivePair:
     """Chooses places as `--frames` does, dark and stationary ones dropped."""
     _, pair = choose_pair(
         route, "winter", "summer", Selection(parse_frames(frames), drop_dark=True, drop_stationary=True)
     )
     _, lit = choose_pair(route, "winter", "summer", Selection(drop_dark=True))
     whole, place = with_stops(lit.query, pair.query)
-    return Choice(whole, place, pair.database, truth_by_position(pair.query, pair.database, TOLERANCE))
+    return DrivePair(whole, place, pair.database, truth_by_position(pair.query, pair.database, TOLERANCE))
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,9 @@
-"""Every place of nordland64 tested by a model that never saw it: `python -m studies folds --data DATA --out OUT`.
+"""Nordland64 whole, tested by models that never saw it: `python -m studies folds --data DATA --out OUT`.
 
-The places are cut into five folds. For each, `best` is trained on the longest stretch of the others, 20 places away,
-and tested on the fold: frame by frame, over the last frames of the drive as recorded, and of the drive resampled to
-other speeds with stops. HOG stands beside it. A stopped study goes on with the runs that are there.
+The places that are left without dark and stationary ones are cut into five folds. For each, `best` is trained on the
+longest stretch of the others, 20 places away, and tested on the fold, which is also the map: frame by frame, over the
+last frames of the drive as recorded, and of the drive resampled to other speeds with stops. HOG stands beside it. A
+stopped study goes on with the runs that are there.
 """
 
 from __future__ import annotations
@@ -18,19 +19,23 @@ from typing import Any
 import numpy as np
 
 from everplace.data.route import Route, open_route
+from everplace.data.traverse import Traverse
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
+from everplace.errors import RouteError
 from everplace.evaluate.scores import evaluate
 from everplace.files import write_text
 from everplace.match.sequence import search_sequences
+from everplace.model.checkpoint import load_checkpoint
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
-from studies.drives import AS_RECORDED, RESAMPLED, Choice, Recorded, choose_drives, similarities
+from studies.drives import AS_RECORDED, RESAMPLED, DrivePair, Recorded, choose_drives, similarities
 from studies.paired import Found, found_on, paired_difference, together
 from studies.protocols import PROTOCOLS
 
 FOLDS = 5
 GAP = 20
+UNTRAINED = "HOG"
 
 
 @dataclass(frozen=True)
@@ -68,12 +73,15 @@ def main(arguments: list[str]) -> None:
     route = open_route(given.data / "nordland64")
     places = len(choose_drives(route, ":").database)
     folds = cut(places)
-    choices = [choose_drives(route, fold.tested) for fold in folds]
+    pairs = [choose_drives(route, fold.tested) for fold in folds]
     results: dict[str, list[FoldResult]] = {}
     for seed in given.seeds:
-        runs = [_trained(route, fold, seed, given.epochs, given.out) for fold in folds]
-        results[f"`best`, seed {seed}"] = _measured(list(map(str, runs)), choices, given.length, given.drives)
-    results["HOG"] = _measured(["hog"] * FOLDS, choices, given.length, given.drives)
+        runs = [
+            _trained(route, fold, pair.database, seed, given.epochs, given.out)
+            for fold, pair in zip(folds, pairs, strict=True)
+        ]
+        results[f"`best`, seed {seed}"] = _measured(list(map(str, runs)), pairs, given.length, given.drives)
+    results[UNTRAINED] = _measured(["hog"] * FOLDS, pairs, given.length, given.drives)
     metrics = {name: _metrics(of, folds) for name, of in results.items()}
     table = _table(metrics, folds, given.length)
     write_text(given.out / "metrics.json", json.dumps(metrics, indent=1) + "\n")
@@ -82,31 +90,38 @@ def main(arguments: list[str]) -> None:
 
 
 def cut(places: int) -> list[Fold]:
-    """Cuts the places into folds, each with the longest stretch of places that are `GAP` away."""
+    """Cuts the places into folds, each with the longest stretch of places that are `GAP` away.
+
+    Raises:
+        RouteError: So few places leave none to train on.
+    """
+    if places < FOLDS * GAP:
+        raise RouteError(f"nordland64 has {places} places here, too few for {FOLDS} folds; at least {FOLDS * GAP}")
     edges = [places * index // FOLDS for index in range(FOLDS + 1)]
     folds = []
     for start, end in pairwise(edges):
-        before, after = (0, max(start - GAP, 0)), (min(end + GAP, places), places)
-        first, last = max(before, after, key=lambda part: part[1] - part[0])
+        first, last = max((0, start - GAP), (end + GAP, places), key=lambda part: part[1] - part[0])
         folds.append(Fold(start, end, f"{first}:{last}"))
     return folds
 
 
-def _trained(route: Route, fold: Fold, seed: int, epochs: int, out: Path) -> Path:
+def _trained(route: Route, fold: Fold, tested: Traverse, seed: int, epochs: int, out: Path) -> Path:
     protocol = PROTOCOLS["nordland64"]
     values = {**protocol.settings, **protocol.variants["cp-vae, best"], "conditions": protocol.conditions}
     values |= {"frames": fold.trained, "drop_dark": True, "drop_stationary": True, "seed": seed, "epochs": epochs}
     config = TrainConfig.build(**values)
     run = out / "runs" / f"for-{fold.start}-to-{fold.end}-seed-{seed}"
     train(route, config, run, resume=True, show=True)
+    if not load_checkpoint(run).seen_stems.isdisjoint(tested.stems):
+        raise RouteError(f"{run} was trained on places of its fold, {fold.tested}")
     return run
 
 
-def _measured(methods: Sequence[str], choices: Sequence[Choice], length: int, drives: int) -> list[FoldResult]:
-    return [_on_fold(method, chosen, length, drives) for method, chosen in zip(methods, choices, strict=True)]
+def _measured(methods: Sequence[str], pairs: Sequence[DrivePair], length: int, drives: int) -> list[FoldResult]:
+    return [_on_fold(method, chosen, length, drives) for method, chosen in zip(methods, pairs, strict=True)]
 
 
-def _on_fold(method: str, chosen: Choice, length: int, drives: int) -> FoldResult:
+def _on_fold(method: str, chosen: DrivePair, length: int, drives: int) -> FoldResult:
     describer = open_describer(method)
     recorded = Recorded(describe_traverse(describer, chosen.whole), chosen.place)
     database = describe_traverse(describer, chosen.database)
@@ -147,10 +162,10 @@ def _table(metrics: dict[str, Any], folds: Sequence[Fold], length: int) -> str:
         for name, of in metrics.items():
             one = of["folds"][index]
             single = " / ".join(f"{value:.3f}" for value in one["one frame"])
-            trained = fold.trained if name != "HOG" else "none"
+            trained = "none" if name == UNTRAINED else fold.trained
             found = f"{one['recorded']:.4f} | {one['resampled']:.4f}"
             lines.append(f"| {fold.tested} | {trained} | {name} | {single} | {found} |")
-    lines += ["", "All places:", ""]
+    lines += ["", "All folds together:", ""]
     lines += ["| method | one frame | as recorded | resampled | difference | interval | drives no worse |"]
     lines += ["|---" * 7 + "|"]
     for name, of in metrics.items():

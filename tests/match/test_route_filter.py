@@ -169,6 +169,18 @@ def test_certainty_grows_with_the_frames_that_agree() -> None:
     assert certainty[-1] > 6
 
 
+def test_certainty_keeps_its_digits() -> None:
+    frames = np.arange(20)
+    S = np.random.default_rng(7).random((20, 30)) * 1e-3
+    S[frames, 7 + frames] = 1.0
+    never = 1e-30
+    odds = filter_windows(S, 20, RouteModel(leave=never, jump=never, turn=never, doubt=0.0, steps=(0.0, 1.0)))
+    assert np.isfinite(odds).all()
+    certainty = odds[frames, 7 + frames]
+    assert (np.diff(certainty) > 0.1).all()
+    assert certainty[-1] > 40  # 1 - w is then less than a double can tell from 0 beside 1
+
+
 def test_the_filter_keeps_no_frames() -> None:
     online = RouteFilter(4)
     for scores in np.random.default_rng(8).normal(size=(300, 4)):

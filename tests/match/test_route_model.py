@@ -44,7 +44,7 @@ def test_what_is_no_probability_is_refused_by_name(wrong: dict[str, object], nam
         RouteModel(**wrong)  # type: ignore[arg-type]
 
 
-def test_the_ratio_is_that_of_two_normal_distributions_and_outliers() -> None:
+def test_the_ratio_is_that_of_the_place_to_a_random_place() -> None:
     from scipy.stats import norm, zscore
 
     S = np.random.default_rng(1).random((3, 40))
@@ -58,6 +58,9 @@ def test_the_ratio_is_that_of_two_normal_distributions_and_outliers() -> None:
 def test_one_frame_says_nothing_of_whether_the_robot_is_on_the_map(S: NDArray[np.float64]) -> None:
     ratios = likelihood_ratios(S, RouteModel(doubt=0.0))
     np.testing.assert_allclose(ratios.mean(axis=1), 1)
+    doubted = likelihood_ratios(S, RouteModel(doubt=0.5))
+    says = (doubted != 1).any(axis=1)
+    np.testing.assert_allclose(doubted[says], ratios[says] * np.exp(-0.5))
 
 
 @settings(max_examples=40, deadline=None)
@@ -76,7 +79,7 @@ def test_unknown_scores_say_nothing_and_do_not_disturb_the_others() -> None:
     gappy = np.insert(S, 4, np.nan, axis=1)
     ratios = likelihood_ratios(gappy, RouteModel())
     np.testing.assert_allclose(np.delete(ratios, 4, axis=1), likelihood_ratios(S, RouteModel()))
-    assert (ratios[:, 4] == 1).all()
+    assert (ratios[:, 4] == np.exp(-RouteModel().doubt)).all()
 
 
 def test_infinite_scores_are_the_strongest_statements() -> None:

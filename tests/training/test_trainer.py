@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -11,11 +13,12 @@ import torch
 from everplace.data.route import Route
 from everplace.errors import ConfigError
 from everplace.model.checkpoint import load_checkpoint
+from everplace.model.inference import default_device
 from everplace.training import trainer
 from everplace.training.ahead import BatchesAhead
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
-from everplace.training.trainer import bf16_is_fast, require_devices
+from everplace.training.trainer import bf16_is_fast, own_device, require_devices, torch_settings_kept
 
 MakeConfig = Callable[..., TrainConfig]
 
@@ -54,7 +57,51 @@ def test_training_leaves_the_settings_of_torch_as_they_were(
     assert torch.are_deterministic_algorithms_enabled() == deterministic
     assert torch.is_deterministic_algorithms_warn_only_enabled() == warn
     assert torch.backends.cudnn.benchmark
-    assert torch.utils.deterministic.fill_uninitialized_memory  # type: ignore[attr-defined]
+
+
+@pytest.mark.usefixtures("torch_settings")
+@pytest.mark.parametrize("workspace", [None, ":16:8"])
+def test_the_settings_of_torch_come_back(monkeypatch: pytest.MonkeyPatch, workspace: str | None) -> None:
+    monkeypatch.delenv("CUBLAS_WORKSPACE_CONFIG", raising=False)
+    if workspace is not None:
+        monkeypatch.setenv("CUBLAS_WORKSPACE_CONFIG", workspace)
+    filling: Any = torch.utils.deterministic
+    torch.backends.cudnn.benchmark = True
+    with torch_settings_kept():
+        assert os.environ["CUBLAS_WORKSPACE_CONFIG"] == (workspace or ":4096:8")
+        assert not filling.fill_uninitialized_memory
+        torch.use_deterministic_algorithms(True)
+        torch.backends.cudnn.benchmark = False
+    assert os.environ.get("CUBLAS_WORKSPACE_CONFIG") == workspace
+    assert filling.fill_uninitialized_memory
+    assert torch.backends.cudnn.benchmark
+    assert not torch.are_deterministic_algorithms_enabled()
+
+
+def test_each_process_has_a_device_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert own_device().type == default_device().type
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.delenv("LOCAL_RANK", raising=False)
+    assert own_device() == torch.device("cuda", 0)
+    monkeypatch.setenv("LOCAL_RANK", "2")
+    assert own_device() == torch.device("cuda", 2)
+
+
+@pytest.mark.parametrize("cuda", [False, True])
+def test_batches_are_made_ahead_for_a_cuda_device(monkeypatch: pytest.MonkeyPatch, cuda: bool) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: cuda)
+    made: list[tuple[object, object, bool]] = []
+
+    def ahead(frames: object, order: object, *, pin: bool) -> str:
+        made.append((frames, order, pin))
+        return "ahead"
+
+    monkeypatch.setattr(trainer, "BatchesAhead", ahead)
+    monkeypatch.setattr(trainer, "DataLoader", lambda frames, *, sampler, **rest: ("here", frames, sampler))
+    frames, order = object(), object()
+    given: Any = trainer.make_loader(frames, order)  # type: ignore[arg-type]
+    assert given == ("ahead" if cuda else ("here", frames, order))
+    assert made == ([(frames, order, True)] if cuda else [])
 
 
 @pytest.mark.parametrize("remedies", [{}, {"contrastive": 1.0}])

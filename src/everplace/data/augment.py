@@ -36,7 +36,7 @@ class Augmentation(BaseModel):
 
 
 def augmentation_rng(seed: int, epoch: int, index: int) -> np.random.Generator:
-    """Returns the random numbers of one frame in one epoch, whatever worker or order it is read in.
+    """Returns the random numbers of one frame in one epoch, whatever thread or order it is read in.
 
     Args:
         seed: The run's seed, 0 to 2**64 - 1.

@@ -18,7 +18,7 @@ from everplace.errors import ConfigError, DescriptorsError
 
 __all__ = ["RouteModel", "beside", "checked_scores", "likelihood_ratios"]
 
-_LARGEST = 50.0  # nats a frame may speak for a place: e^50 times a few hundred stays a double
+_LARGEST = 50.0  # nats a score may speak for a place before the others are heard: the sum of e^50 stays a double
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,8 @@ class RouteModel:
         separation: By how many standard deviations of a frame's scores its true place scores above their mean.
         outlier: Share of frames whose scores say nothing about the true place: glare, a lorry, a wiper.
         doubt: Nats by which each frame counts against being on the map. Neighbouring frames look alike, so that along
-            some path frames agree by chance more often than the model's independent frames would.
+            some path frames agree by chance more often than the model's independent frames would. On a map of two or
+            three places no frame can make up for it.
         repeat: Share of the change that a step along the map brings, below which a frame shows the last one again and
             does not count (`everplace.match.frame_change`).
         beside: What an answer next to the true place is worth, where the true place is worth 1. Among places that look
@@ -126,17 +127,18 @@ def likelihood_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.flo
     N(0, 1) and the true place as N(d, 1), d = `separation`; a share ε = `outlier` of frames says nothing. Place j then
     has the likelihood w_j = (1 - ε) exp(d z_j - d²/2) + ε, in units of that of background alone. A frame off the map is
     taken to score as frames of a random place do, whatever the method's scores are like: its likelihood is the mean w.
-    So one frame says nothing of whether the robot is on the map, and only frames that agree on a path do:
+    So one frame by itself never speaks for the map, and only frames that agree on a path do:
     ratio_j = w_j / mean(w) exp(-`doubt`). The ratios do not change when scores are shifted or scaled by a positive
     number, and no method needs a temperature of its own. "Not on the map" has the ratio 1.
 
     Args:
-        scores: ...×N, higher = more alike. NaN: the place has no score, and its ratio is 1. Infinities do not
-            count for mean and deviation. A frame whose scores are all equal says nothing: all its ratios are 1.
+        scores: ...×N, higher = more alike. NaN: the place has no score, and is as likely as a random place.
+            Infinities do not count for mean and deviation of the scores. A frame whose scores are all equal says
+            nothing: all its ratios are 1.
         model: The assumptions.
 
     Returns:
-        ...×N, positive, at most N exp(-`doubt`).
+        ...×N, positive, at most N exp(-`doubt`), or 1 where the frame says nothing.
     """
     S = np.asarray(scores, np.float64)
     known = np.isfinite(S)
@@ -155,12 +157,14 @@ def likelihood_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.flo
     if not (complete and varies.all()):
         scored = ~np.isnan(ratios)
         count = np.maximum(scored.sum(axis=-1, keepdims=True), 1)
+    # In units of background alone, as the ratios here.
     random_place = (1 - model.outlier) * ratios.sum(axis=-1, keepdims=True, where=scored) / count + model.outlier
     doubted = np.exp(-model.doubt) / random_place
     ratios *= (1 - model.outlier) * doubted
     ratios += model.outlier * doubted
     if scored is not True:
-        ratios[~scored] = 1.0
+        unscored = np.where(varies, np.exp(-model.doubt), 1.0)
+        ratios[~scored] = np.broadcast_to(unscored, ratios.shape)[~scored]
     return ratios
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import torch
 
@@ -17,14 +19,52 @@ def default_device() -> torch.device:
 
 @contextmanager
 def inference() -> Iterator[None]:
-    """Applies networks in full float32 and by deterministic algorithms while it is open.
+    """Applies networks while it is open, in full float32 and by cuDNN's deterministic algorithms on CUDA devices.
 
-    By default convolutions on NVIDIA devices keep 10 bits of a float32's mantissa (TF32). Descriptors would then differ
-    in the third digit from those of another machine and of the exported network.
+    By default convolutions keep 10 bits of a float32's mantissa there (TF32). Descriptors would then differ in the
+    third digit from those of another machine and of the exported network. Several threads may have it open at once.
     """
-    cudnn = torch.backends.cudnn
-    with (
-        torch.inference_mode(),
-        cudnn.flags(enabled=cudnn.enabled, benchmark=False, deterministic=True, allow_tf32=False),
-    ):
-        yield
+    with torch.inference_mode():
+        _exact.hold()
+        try:
+            yield
+        finally:
+            _exact.release()
+
+
+class _Exact:
+    """Settings of the whole process, changed as long as somebody holds them."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._holders = 0
+        self._before: list[tuple[Any, str, Any]] = []
+
+    def hold(self) -> None:
+        with self._lock:
+            if not self._holders:
+                settings = _settings()
+                self._before = [(where, name, getattr(where, name)) for where, name, _ in settings]
+                for where, name, value in settings:
+                    setattr(where, name, value)
+            self._holders += 1
+
+    def release(self) -> None:
+        with self._lock:
+            self._holders -= 1
+            if not self._holders:
+                for where, name, value in self._before:
+                    setattr(where, name, value)
+
+
+def _settings() -> list[tuple[Any, str, Any]]:
+    cudnn: Any = torch.backends.cudnn
+    matmul: Any = torch.backends.cuda.matmul
+    algorithms = [(cudnn, "deterministic", True), (cudnn, "benchmark", False)]
+    if hasattr(cudnn, "conv") and hasattr(matmul, "fp32_precision"):
+        # Since torch 2.9. To read the older switches fails for a caller who has set these.
+        return [*((where, "fp32_precision", "ieee") for where in (cudnn.conv, cudnn.rnn, matmul)), *algorithms]
+    return [(cudnn, "allow_tf32", False), (matmul, "allow_tf32", False), *algorithms]
+
+
+_exact = _Exact()

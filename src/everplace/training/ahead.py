@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.data.images import usable_cores
+from everplace.data.images import map_ahead
 from everplace.training.frames import Batch, EpochOrder, TrainingFrames
 
 __all__ = ["BatchesAhead"]
-
-_MOST_THREADS = 8
 
 
 class BatchesAhead:
@@ -34,35 +30,20 @@ class BatchesAhead:
             frames: Gives the batches by their keys.
             order: The keys of an epoch.
             pin: Batches lie in page-locked memory, from which a CUDA device reads without waiting.
-            threads: None: one a core, at most eight.
+            threads: None: one for each usable core, at most 8. Two batches a thread are held ahead.
         """
         self.sampler = order
         self._frames = frames
         self._pin = pin
-        self._threads = threads or min(_MOST_THREADS, usable_cores())
+        self._threads = threads
 
     def __len__(self) -> int:
         """Number of batches in an epoch."""
         return len(self.sampler)
 
     def __iter__(self) -> Iterator[Batch]:
-        """Yields the batches; at most two for each thread are in memory.
-
-        Raises:
-            Exception: Whatever a batch raised, in its turn.
-        """
-        pending: deque[Future[Batch]] = deque()
-        with ThreadPoolExecutor(self._threads, "everplace-batches") as pool:
-            try:
-                for key in self.sampler:
-                    pending.append(pool.submit(self._batch, key))
-                    if len(pending) > 2 * self._threads - 1:
-                        yield pending.popleft().result()
-                while pending:
-                    yield pending.popleft().result()
-            finally:
-                for batch in pending:
-                    batch.cancel()
+        """Yields the batches; what making one raises is raised in its turn."""
+        return map_ahead(self._batch, self.sampler, threads=self._threads)
 
     def _batch(self, key: tuple[int, NDArray[np.int64]]) -> Batch:
         batch = self._frames[key]

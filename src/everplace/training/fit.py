@@ -31,7 +31,7 @@ from everplace.training.remedies import RemedyTerms
 from everplace.training.run_directory import locked, prepare_run, require_same_images, require_usable
 from everplace.training.selection import select_route
 from everplace.training.state import ResumeState, RunProgress, require_fitting, save_state
-from everplace.training.trainer import make_trainer, require_devices, run_trainer, torch_settings_kept
+from everplace.training.trainer import make_trainer, own_device, require_devices, run_trainer, torch_settings_kept
 from everplace.training.validation import criterion_name
 
 __all__ = ["TrainSummary", "require_trainable", "train"]
@@ -113,7 +113,7 @@ def train(
     require_devices(devices)
     require_shares(split, config, devices * nodes)
     images = fingerprint(split, progress)
-    # A CUDA device keeps its own memory, and the threads that make its batches do without this.
+    # torch itself keeps the memory of a CUDA device, where a step's tensors are.
     memory = freed_memory_kept() if default_device().type == "cpu" else contextlib.nullcontext()
     with locked(out), memory, torch_settings_kept():
         state = prepare_run(out, config, resume)
@@ -188,7 +188,7 @@ def _module(
         # After the model, whose random numbers are so the same without them.
         remedies = RemedyTerms(model_config, config.remedies)
     if state is None and config.oriented_gradients:
-        fit_place_projection(model, split, config.projection, progress)
+        fit_place_projection(model, split, config.projection, progress, own_device())
     done = state.progress if state is not None else RunProgress()
     if state is not None:
         require_fitting(state, model, remedies)

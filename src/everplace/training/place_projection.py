@@ -14,7 +14,7 @@ from everplace.errors import ConfigError
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.discriminant import PlaceScatter
 from everplace.model.images import to_input
-from everplace.model.inference import default_device, inference
+from everplace.model.inference import inference
 from everplace.model.oriented_gradients import OrientedGradients
 from everplace.progress import Progress, quiet
 from everplace.training.frames import SplitRoute
@@ -46,7 +46,7 @@ def fit_place_projection(
         split: At least two aligned traverses.
         config: What is counted, and how often.
         progress: Told of the blocks of places.
-        device: Computes the oriented gradients; None: the CUDA device, where there is one.
+        device: Computes the oriented gradients; None: the processor.
 
     Raises:
         ConfigError: z_p is larger than the oriented gradients of an image.
@@ -60,7 +60,7 @@ def fit_place_projection(
             f"images of this size have {gradients.features} oriented gradients, too few for a z_p of {dimensions}; "
             "give a larger image_size or set oriented_gradients to false"
         )
-    computed = _Gradients(gradients, device or default_device())
+    computed = _Gradients(gradients, device or torch.device("cpu"))
     scatter, stretches = (PlaceScatter(len(split.training), gradients.features) for _ in range(2))
     light = _LightScatter(computed)
     block = STRETCH * _STRETCHES_A_BLOCK

@@ -122,7 +122,7 @@ def require_same_images(state: ResumeState, images: str, out: Path, route: Path)
 
 
 def _lock(descriptor: int, out: Path) -> None:
-    # The loader's workers share the lock, and outlive a process that was killed by some seconds.
+    # Processes that a run started share the lock, and outlive it by some seconds where it was killed.
     end = time.monotonic() + _SECONDS_TO_LET_GO
     while not _take(descriptor):
         if time.monotonic() >= end:

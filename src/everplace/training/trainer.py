@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import signal
 import threading
 import warnings
@@ -32,12 +33,14 @@ __all__ = [
     "bf16_is_fast",
     "make_loader",
     "make_trainer",
+    "own_device",
     "require_devices",
     "run_trainer",
     "torch_settings_kept",
 ]
 
 GRADIENT_NORM = 5.0
+_WORKSPACE = "CUBLAS_WORKSPACE_CONFIG"
 
 
 def bf16_is_fast(device: str) -> bool:
@@ -60,13 +63,22 @@ def require_devices(devices: int) -> None:
         )
 
 
+def own_device() -> torch.device:
+    """The device that this process trains on: with several, each process has its own."""
+    device = default_device()
+    return torch.device("cuda", int(os.environ.get("LOCAL_RANK", "0"))) if device.type == "cuda" else device
+
+
 @contextmanager
 def torch_settings_kept() -> Iterator[None]:
     """Undoes what Lightning sets for the whole process: whether algorithms are deterministic, how they are chosen.
 
     While it is open no new tensor is filled, which torch does with deterministic algorithms to show reads of memory
-    that was never written.
+    that was never written; and cuBLAS has the workspace by which it is deterministic, since torch looks at that when a
+    process first multiplies on a CUDA device, which may be before Lightning sets it.
     """
+    workspace = os.environ.get(_WORKSPACE)
+    os.environ.setdefault(_WORKSPACE, ":4096:8")
     enabled, warn = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()
     filling: Any = torch.utils.deterministic
     benchmark, fill = torch.backends.cudnn.benchmark, filling.fill_uninitialized_memory
@@ -77,6 +89,8 @@ def torch_settings_kept() -> Iterator[None]:
         filling.fill_uninitialized_memory = fill
         torch.backends.cudnn.benchmark = benchmark
         torch.use_deterministic_algorithms(enabled, warn_only=warn)
+        if workspace is None:
+            os.environ.pop(_WORKSPACE, None)
 
 
 def make_trainer(
