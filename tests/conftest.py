@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -73,6 +75,22 @@ def make_landscapes() -> MakeLandscapes:
 def unchanged_tiny_route(tmp_path_factory: pytest.TempPathFactory, make_landscapes: MakeLandscapes) -> Path:
     """A route of 12 places as `make_landscapes` makes it; nobody may change it."""
     return make_landscapes(tmp_path_factory.mktemp("route") / "tiny", PLACES)
+
+
+@pytest.fixture
+def run_study() -> Callable[..., None]:
+    """Runs `python -m studies NAME --data DATA --out OUT` with further options, from the project's root."""
+
+    def run(name: str, data: Path, out: Path, *options: str) -> None:
+        root = Path(__file__).parents[1]
+        subprocess.run(
+            [sys.executable, "-m", "studies", name, "--data", data, "--out", out, *options],
+            check=True,
+            cwd=root,
+            env={**os.environ, "PYTHONPATH": "src"},
+        )
+
+    return run
 
 
 @pytest.fixture

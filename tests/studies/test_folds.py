@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,8 +15,6 @@ from studies.paired import Found, together
 
 from everplace.errors import RouteError
 from everplace.model.checkpoint import load_checkpoint
-
-ROOT = Path(__file__).parents[2]
 
 
 @given(st.integers(FOLDS * GAP, 20_000))
@@ -50,16 +45,11 @@ def test_drives_through_all_folds_keep_their_places_apart() -> None:
 
 @pytest.mark.slow
 def test_every_fold_is_tested_by_a_model_that_never_saw_it(
-    make_landscapes: Callable[[Path, int], Path], tmp_path: Path
+    make_landscapes: Callable[[Path, int], Path], run_study: Callable[..., None], tmp_path: Path
 ) -> None:
     make_landscapes(tmp_path / "nordland64", 203)
     options = ["--seeds", "3", "--epochs", "1", "--drives", "2", "--length", "4"]
-    subprocess.run(
-        [sys.executable, "-m", "studies", "folds", "--data", tmp_path, "--out", tmp_path / "out", *options],
-        check=True,
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": "src"},
-    )
+    run_study("folds", tmp_path, tmp_path / "out", *options)
     runs = sorted((tmp_path / "out" / "runs").iterdir())
     assert len(runs) == FOLDS
     for run in runs:

@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-
 
 @pytest.mark.slow
-def test_every_search_is_measured_on_every_drive(unchanged_tiny_route: Path, tmp_path: Path) -> None:
+def test_every_search_is_measured_on_every_drive(
+    unchanged_tiny_route: Path, run_study: Callable[..., None], tmp_path: Path
+) -> None:
     (tmp_path / "nordland64").symlink_to(unchanged_tiny_route)
     options = ["--methods", "hog", "--frames", ":", "--lengths", "3", "--seeds", "2"]
-    subprocess.run(
-        [sys.executable, "-m", "studies", "sequences", "--data", tmp_path, "--out", tmp_path / "out", *options],
-        check=True,
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": "src"},
-    )
+    run_study("sequences", tmp_path, tmp_path / "out", *options)
     plain, centred = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert [plain["standardise"], centred["standardise"]] == [None, "centre"]
     assert [row["drive"] for row in plain["drives"]][:2] == ["as recorded", "as recorded, standing too"]
