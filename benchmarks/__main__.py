@@ -10,11 +10,12 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import describing, fabmap, memory, opening, sequences, training
+from benchmarks import augmenting, describing, fabmap, memory, opening, sequences, training
 from benchmarks.ratio import Ratio
 
 STUDIES = {
     "training": training.measure,
+    "augmenting": augmenting.measure,
     "describing": describing.measure,
     "memory": memory.measure,
     "fabmap": fabmap.measure,

@@ -1,8 +1,5 @@
 from __future__ import annotations
 
-import time
-
-import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -139,16 +136,3 @@ def test_switching_one_change_on_leaves_the_others_as_they_were() -> None:
 def test_amounts_that_cannot_be_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValidationError):
         Augmentation(**wrong)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("shape", "seconds"), [((32, 64, 1), 40e-6), ((224, 224, 3), 0.5e-3)])
-def test_speed(shape: tuple[int, int, int], seconds: float) -> None:
-    """Ten times the wanted time is allowed, because test machines are shared."""
-    image = picture(shape)
-    rng = augmentation_rng(0, 0, 0)
-    cv2.GaussianBlur(image, (0, 0), 1.0)
-    start = time.perf_counter()
-    for _ in range(200):
-        augment(image, ALL, rng)
-    assert (time.perf_counter() - start) / 200 < 10 * seconds
