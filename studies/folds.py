@@ -23,10 +23,10 @@ from everplace.data.traverse import Traverse
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
 from everplace.errors import RouteError
-from everplace.evaluate.scores import evaluate
 from everplace.files import write_text
 from everplace.match.sequence import search_sequences
 from everplace.model.checkpoint import load_checkpoint
+from everplace.scoring.scores import evaluate
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
 from studies.drives import AS_RECORDED, RESAMPLED, DrivePair, Recorded, choose_drives, similarities

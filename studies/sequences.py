@@ -19,7 +19,6 @@ from everplace.data.route import open_route
 from everplace.describe.descriptors import Descriptors
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
-from everplace.evaluate.scores import evaluate
 from everplace.files import write_text
 from everplace.match.frame_change import View, change_in_steps, new_frames
 from everplace.match.route_filter import Answer, RouteFilter, filter_windows
@@ -29,6 +28,7 @@ from everplace.match.search import compared
 from everplace.match.sequence import SEQUENCE_METHODS, search_sequences
 from everplace.match.similarity import similarity
 from everplace.match.standardise import Standardisation
+from everplace.scoring.scores import evaluate
 from studies.drives import DRIVES, TOLERANCE, Drive, Recorded, choose_drives, similarities
 from studies.paired import Found, found_on, paired_difference
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import everplace
 
 
@@ -13,3 +16,14 @@ def test_every_public_name_can_be_had() -> None:
 
 def test_the_lazy_names_are_the_public_names() -> None:
     assert sorted(everplace._HOME) == sorted(everplace.__all__)
+
+
+def test_public_names_stay_when_every_module_was_imported() -> None:
+    code = """
+import everplace, importlib, inspect, pkgutil
+for module in pkgutil.walk_packages(everplace.__path__, "everplace."):
+    importlib.import_module(module.name)
+for name in everplace.__all__:
+    assert not inspect.ismodule(getattr(everplace, name)), name
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from everplace.describe.descriptors import Descriptors, load_descriptors
     from everplace.describe.run import Method, load
     from everplace.errors import EverplaceError
-    from everplace.evaluate.scores import Scores, evaluate, precision_recall
     from everplace.match.place_posterior import new_place_probability
     from everplace.match.route_filter import Answer, RouteFilter
     from everplace.match.route_model import RouteModel
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
     from everplace.match.sequence import average_sequences, search_sequences
     from everplace.match.similarity import similarity, similarity_blocks, top_k
     from everplace.match.standardise import standardise
+    from everplace.scoring.scores import Scores, evaluate, precision_recall
 
 __all__ = [
     "Answer",
@@ -74,18 +74,18 @@ _HOME = {
     "Route": "data.route",
     "RouteFilter": "match.route_filter",
     "RouteModel": "match.route_model",
-    "Scores": "evaluate.scores",
+    "Scores": "scoring.scores",
     "Selection": "data.selection",
     "Traverse": "data.traverse",
     "average_sequences": "match.sequence",
     "best_path": "match.route_path",
-    "evaluate": "evaluate.scores",
+    "evaluate": "scoring.scores",
     "load": "describe.run",
     "load_descriptors": "describe.descriptors",
     "new_place_probability": "match.place_posterior",
     "open_route": "data.route",
     "parse_frames": "data.selection",
-    "precision_recall": "evaluate.scores",
+    "precision_recall": "scoring.scores",
     "search_sequences": "match.sequence",
     "select": "data.selection",
     "similarity": "match.similarity",

@@ -16,9 +16,9 @@ from tests.experiments.comparing import MEASURED, OPTIONS, compare, refused
 
 from everplace.data.route import open_route
 from everplace.describe.registry import open_describer
-from everplace.evaluate.audit import Audit, Probe
-from everplace.evaluate.scores import evaluate, precision_recall
 from everplace.experiments.comparison_parts import MethodResult, PairResult, Part, keep_pictures
+from everplace.scoring.audit import Audit, Probe
+from everplace.scoring.scores import evaluate, precision_recall
 
 
 def result(audit: Audit | None = None) -> MethodResult:

@@ -69,3 +69,25 @@ def test_two_processes_train_one_run_on_the_frames_that_one_would_take(route_pat
     assert first["best_epoch"] == load_checkpoint(out).about["epoch"]
     # Both know how the run ended.
     assert second == first
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", ["vae", "fabmap"])
+def test_each_task_of_a_cluster_job_may_train_a_run_of_its_own(route_path: Path, tmp_path: Path, model: str) -> None:
+    settings = tmp_path / "settings.toml"
+    settings.write_text(
+        "words = 8\nsmallest_side = 64\n" if model == "fabmap" else "batch_size = 8\nheld_out_gap = 2\n"
+    )
+    command = [sys.executable, "-m", "everplace.cli.main", "train", str(route_path), "--model", model]
+    command += ["--image-size", "32", "32", "--config", str(settings), "--out", str(tmp_path / "run"), "--json"]
+    command += [] if model == "fabmap" else ["--epochs", "1"]
+    environment = {**os.environ, "SLURM_NTASKS": "4", "SLURM_PROCID": "1", "SLURM_LOCALID": "1", "OMP_NUM_THREADS": "1"}
+    first, again = (
+        subprocess.run(command, env=environment, capture_output=True, text=True, timeout=180, check=False)
+        for _ in range(2)
+    )
+    assert first.returncode == 0, first.stderr
+    assert json.loads(first.stdout)["run"] == str(tmp_path / "run")
+    assert (tmp_path / "run" / "config.toml").is_file()
+    assert again.returncode == 2
+    assert "already holds a run" in again.stderr

@@ -101,8 +101,10 @@ def test_one_process_at_a_time_trains_into_a_directory(tmp_path: Path, monkeypat
             pass
         with monkeypatch.context() as patch:
             patch.setenv("LOCAL_RANK", "1")
-            with locked(out):
+            with locked(out, processes=2):
                 pass
+            with pytest.raises(ConfigError, match="another process"), locked(out):
+                pass  # another run
     with locked(out):
         assert list(out.iterdir()) == []
 
@@ -144,20 +146,23 @@ def test_the_first_of_all_processes_leads(
 ) -> None:
     for name, rank in ranks.items():
         monkeypatch.setenv(name, rank)
-    assert leads() is expected
+    assert leads(4) is expected
+    assert leads(1)
 
 
 @pytest.mark.parametrize(("local", "node", "expected"), [("0", "0", True), ("1", "0", False), ("0", "1", False)])
 def test_one_process_of_all_writes_the_run(
     tmp_path: Path, make_config: MakeConfig, monkeypatch: pytest.MonkeyPatch, local: str, node: str, expected: bool
 ) -> None:
-    assert leads()
-    prepare_run(tmp_path / "begun", make_config(), resume=False)
+    assert leads(4)
+    prepare_run(tmp_path / "begun", make_config(), resume=False, processes=4)
     monkeypatch.setenv("LOCAL_RANK", local)
     monkeypatch.setenv("NODE_RANK", node)
-    assert leads() is expected
+    assert leads(4) is expected
     if not expected:
         # The others come when the first one has begun already.
-        assert prepare_run(tmp_path / "begun", make_config(), resume=False) is None
-        prepare_run(tmp_path / "new", make_config(), resume=False)
+        assert prepare_run(tmp_path / "begun", make_config(), resume=False, processes=4) is None
+        prepare_run(tmp_path / "new", make_config(), resume=False, processes=4)
         assert not (tmp_path / "new").exists()
+    with pytest.raises(ConfigError, match="already holds a run"):
+        prepare_run(tmp_path / "begun", make_config(), resume=False)

@@ -79,12 +79,13 @@ def test_the_settings_of_torch_come_back(monkeypatch: pytest.MonkeyPatch, worksp
 
 
 def test_each_process_has_a_device_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert own_device().type == default_device().type
+    assert own_device(2).type == default_device().type
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.delenv("LOCAL_RANK", raising=False)
-    assert own_device() == torch.device("cuda", 0)
+    assert own_device(4) == torch.device("cuda", 0)
     monkeypatch.setenv("LOCAL_RANK", "2")
-    assert own_device() == torch.device("cuda", 2)
+    assert own_device(4) == torch.device("cuda", 2)
+    assert own_device(1) == torch.device("cuda", 0)
 
 
 @pytest.mark.parametrize("cuda", [False, True])

@@ -117,5 +117,5 @@ def train(
         progress=show_progress(),
         show=True,
     )
-    if leads():
+    if leads(devices * nodes):
         show_result(asdict(summary), as_json)

@@ -18,7 +18,6 @@ from everplace.describe.memory import peak_memory
 from everplace.describe.pipeline import time_describer
 from everplace.describe.protocol import Describer
 from everplace.errors import ConfigError, MethodError
-from everplace.evaluate.audit import Audit
 from everplace.experiments.comparison_parts import PARTS, MethodResult, PairResult, Part
 from everplace.experiments.evaluation import audit_pair, seen_places, seen_sentence
 from everplace.experiments.fitting import Methods
@@ -28,6 +27,7 @@ from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, pa
 from everplace.files import remove_leftovers, write_text
 from everplace.match.standardise import standardisable
 from everplace.progress import Progress, quiet
+from everplace.scoring.audit import Audit
 from everplace.training.run_directory import locked
 
 __all__ = ["COSTS", "SCORES", "Cell", "Comparison", "compare_methods"]

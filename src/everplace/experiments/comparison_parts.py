@@ -23,10 +23,10 @@ from everplace.describe.descriptors import Descriptors, load_descriptors
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.protocol import Describer
 from everplace.errors import DescriptorsError
-from everplace.evaluate.audit import Audit
-from everplace.evaluate.scores import PrecisionRecall, Scores
 from everplace.files import remove_file, write_text
 from everplace.progress import Progress, quiet
+from everplace.scoring.audit import Audit
+from everplace.scoring.scores import PrecisionRecall, Scores
 
 __all__ = ["PARTS", "MethodResult", "PairResult", "Part", "keep_pictures"]
 
@@ -42,7 +42,7 @@ class PairResult:
     """One method on one ordered pair.
 
     Attributes:
-        scores: See `everplace.evaluate.scores`.
+        scores: See `everplace.scoring.scores`.
         curve: The best-match precision-recall curve.
         new_place: See `everplace.experiments.retrieval.Retrieval`.
     """

@@ -14,7 +14,6 @@ from everplace.data.selection import Selection
 from everplace.describe.methods.vae import VAEDescriber
 from everplace.describe.protocol import Describer, FittedDescriber
 from everplace.describe.registry import open_describer
-from everplace.evaluate.audit import Audit, audit
 from everplace.experiments.ingredients import ingredient_metrics, named_ingredients
 from everplace.experiments.latent_report import LATENT_PICTURES, audit_section, latent_section
 from everplace.experiments.pictures import match_figure, matrix_figure
@@ -25,6 +24,7 @@ from everplace.plots.canvas import save_figure
 from everplace.plots.interactive import precision_recall_figure
 from everplace.progress import Progress, quiet
 from everplace.report.html import Report
+from everplace.scoring.audit import Audit, audit
 
 __all__ = [
     "Evaluation",

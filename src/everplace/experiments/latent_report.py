@@ -10,20 +10,20 @@ from matplotlib.figure import Figure
 
 from everplace.data.route import Route
 from everplace.describe.methods.vae import VAEDescriber
-from everplace.evaluate.audit import Audit, Probe
-from everplace.evaluate.findings import (
-    Finding,
-    condition_finding,
-    divergence_finding,
-    place_finding,
-    swap_finding,
-)  # fmt: skip
 from everplace.experiments.translations import constant_figure, swap_figure, translation_figure
 from everplace.model.posterior import ACTIVE_ABOVE
 from everplace.plots.audit import draw_bars, draw_divergences
 from everplace.plots.canvas import new_axes, save_figure
 from everplace.plots.style import COLOURS, shortened, write_plainly
 from everplace.report.html import Section
+from everplace.scoring.audit import Audit, Probe
+from everplace.scoring.findings import (
+    Finding,
+    condition_finding,
+    divergence_finding,
+    place_finding,
+    swap_finding,
+)  # fmt: skip
 
 __all__ = ["LATENT_PICTURES", "audit_section", "latent_section"]
 

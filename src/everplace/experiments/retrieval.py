@@ -15,13 +15,13 @@ from everplace.describe.descriptors import Descriptors
 from everplace.describe.pipeline import describe_traverse, time_describer
 from everplace.describe.protocol import Describer
 from everplace.errors import ConfigError, RouteError
-from everplace.evaluate.scores import PrecisionRecall, Scores, evaluate, precision_recall
 from everplace.match.place_posterior import new_place_summary
 from everplace.match.search import compared
 from everplace.match.sequence import SequenceMethod, search_sequences
 from everplace.match.similarity import similarity
 from everplace.match.standardise import Standardisation
 from everplace.progress import Progress, quiet
+from everplace.scoring.scores import PrecisionRecall, Scores, evaluate, precision_recall
 
 __all__ = ["Matching", "Pair", "Retrieval", "Truth", "choose_pair", "pair_of", "retrieve", "true_matches"]
 
@@ -92,7 +92,7 @@ class Retrieval:
         method: The method's name.
         similarity: M×N, rows = queries.
         truth: M×N.
-        scores: See `everplace.evaluate.scores`.
+        scores: See `everplace.scoring.scores`.
         curve: The best-match precision-recall curve.
         dimension: Numbers in a descriptor.
         ms_per_image: Description alone, model loading and decoding not counted.

@@ -15,7 +15,6 @@ from everplace.data.selection import spread
 from everplace.data.traverse import Traverse
 from everplace.describe.registry import kind_of_run
 from everplace.errors import CheckpointError, RouteError
-from everplace.evaluate.audit import encode_frames
 from everplace.files import readable
 from everplace.model.checkpoint import load_checkpoint
 from everplace.model.condition_vae import ConditionVAE
@@ -24,6 +23,7 @@ from everplace.model.images import to_pixels
 from everplace.model.inference import inference
 from everplace.plots.canvas import new_figure
 from everplace.plots.grid import Translation, draw_constant_grid, draw_swap_grid, draw_translations
+from everplace.scoring.audit import encode_frames
 
 __all__ = ["constant_figure", "load_divided", "swap_figure", "translation_figure"]
 

@@ -29,7 +29,7 @@ from everplace.model.fabmap import FabMap, FabMapConfig, save_fabmap
 from everplace.model.vocabulary import FEATURE_DIMENSIONS, sift_features, words_of
 from everplace.progress import Progress, quiet
 from everplace.training.config import FitConfig
-from everplace.training.run_directory import leads, locked, prepare_run, require_same_images, require_usable
+from everplace.training.run_directory import locked, prepare_run, require_same_images, require_usable
 from everplace.training.selection import select_route
 from everplace.training.state import RunProgress, load_state, save_state
 
@@ -106,7 +106,7 @@ def fit_fabmap(
         state = load_state(out) if resume else None
         if state is not None:
             require_same_images(state, images, out, route.root)
-        if (state is None or not state.progress.finished) and leads():
+        if state is None or not state.progress.finished:
             model = _fit(chosen, config, images, progress)
             prepare_run(out, config, resume)  # not before: a fit that cannot be leaves no run
             save_fabmap(out, model)

@@ -103,27 +103,29 @@ def train(
         ConfigError: The configuration is wrong, or `out` holds another run or is in use.
         CheckpointError: What should be resumed is damaged.
         DivergedError: Training met a number that is not finite.
+        ImageError: A frame cannot be decoded.
         StorageError: The run directory cannot be written to.
     """
-    require_usable(out, config, resume)
+    processes = devices * nodes
+    require_usable(out, config, resume, processes)
     chosen = require_trainable(route, config, progress)
     split = split_route(chosen, config, progress)
     model_config = _model_config(split.conditions, split.places, config)
     frames = make_frames(split, config)
     require_devices(devices)
-    require_shares(split, config, devices * nodes)
+    require_shares(split, config, processes)
     images = fingerprint(split, progress)
     # torch itself keeps the memory of a CUDA device, where a step's tensors are.
     memory = freed_memory_kept() if default_device().type == "cpu" else contextlib.nullcontext()
-    with locked(out), memory, torch_settings_kept():
-        state = prepare_run(out, config, resume)
+    with locked(out, processes), memory, torch_settings_kept():
+        state = prepare_run(out, config, resume, processes)
         if state is not None:
             require_same_images(state, images, out, route.root)
         end = state.progress if state is not None else RunProgress()
         if not end.finished:
             keeper = RunKeeper(out, config, split, images, end, save_every)
             order = make_order(split, config, end.epoch)
-            module = _module(model_config, config, len(order), split, state, progress)
+            module = _module(model_config, config, len(order), split, state, own_device(processes), progress)
             trainer = make_trainer(config, end, keeper, out, devices, nodes, show=show)
             run_trainer(trainer, module, frames, order)
             end = keeper.progress
@@ -178,6 +180,7 @@ def _module(
     steps_per_epoch: int,
     split: SplitRoute,
     state: ResumeState | None,
+    device: torch.device,
     progress: Progress,
 ) -> BoundModule:
     with torch.random.fork_rng():
@@ -188,7 +191,7 @@ def _module(
         # After the model, whose random numbers are so the same without them.
         remedies = RemedyTerms(model_config, config.remedies)
     if state is None and config.oriented_gradients:
-        fit_place_projection(model, split, config.projection, progress, own_device())
+        fit_place_projection(model, split, config.projection, progress, device)
     done = state.progress if state is not None else RunProgress()
     if state is not None:
         require_fitting(state, model, remedies)

@@ -28,26 +28,33 @@ _RANKS = ("RANK", "SLURM_PROCID", "JSM_NAMESPACE_RANK", "GROUP_RANK", "NODE_RANK
 _SECONDS_TO_LET_GO = 10.0
 
 
-def leads() -> bool:
-    """Whether this process writes the run: with several devices, the first one on the first machine.
+def leads(processes: int = 1) -> bool:
+    """Whether this process writes the run: of several, the first one on the first machine.
 
     Whoever starts the processes (torchrun, SLURM, LSF, Lightning itself) sets some of the ranks, which are all 0 in
-    the first process alone.
+    the first process alone. Ranks mean nothing to a run of one process: a SLURM job may be a sweep of such runs.
+
+    Args:
+        processes: How many train the run together, one a device.
     """
-    return all(int(os.environ.get(name) or 0) == 0 for name in _RANKS)
+    return processes == 1 or all(int(os.environ.get(name) or 0) == 0 for name in _RANKS)
 
 
 @contextmanager
-def locked(out: Path) -> Iterator[None]:
+def locked(out: Path, processes: int = 1) -> Iterator[None]:
     """Keeps other processes from writing into a run directory, which is made if missing.
 
     The system lets go of the lock when the process ends, however it ends. Windows has no such locks.
+
+    Args:
+        out: The run directory.
+        processes: How many train the run together; the first one of them has the lock.
 
     Raises:
         ConfigError: Another process writes into it.
         StorageError: The directory cannot be made.
     """
-    if sys.platform == "win32" or not leads():
+    if sys.platform == "win32" or not leads(processes):
         yield
         return
     try:
@@ -62,8 +69,14 @@ def locked(out: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
-def require_usable(out: Path, config: FitConfig, resume: bool) -> None:
+def require_usable(out: Path, config: FitConfig, resume: bool, processes: int = 1) -> None:
     """Makes sure that a run may be written to `out`, which is left as it is.
+
+    Args:
+        out: The run directory.
+        config: What is to be trained.
+        resume: Continue what stands there.
+        processes: How many train the run together; to all but the first, what stands there is this run.
 
     Raises:
         ConfigError: `out` is a file, or holds another run (OtherRunError if it would be resumed).
@@ -72,19 +85,20 @@ def require_usable(out: Path, config: FitConfig, resume: bool) -> None:
     began = (out / CONFIG_FILE).is_file() or has_tensors(out, CHECKPOINT_NAME)
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out {readable(out)} is a file; name a directory for the run")
-    if began and not resume and leads():
+    if began and not resume and leads(processes):
         raise ConfigError(f"--out {readable(out)} already holds a run; add --resume to continue it, or name another")
     if resume and (out / CONFIG_FILE).is_file():
         _require_same(out, config)
 
 
-def prepare_run(out: Path, config: FitConfig, resume: bool) -> ResumeState | None:
+def prepare_run(out: Path, config: FitConfig, resume: bool, processes: int = 1) -> ResumeState | None:
     """Makes the run directory, or checks that what stands there is this run.
 
     Args:
         out: The run directory.
         config: What is to be trained.
         resume: Continue what stands there.
+        processes: How many train the run together; the first one of them writes.
 
     Returns:
         Where the run stands; None if it starts.
@@ -94,9 +108,9 @@ def prepare_run(out: Path, config: FitConfig, resume: bool) -> ResumeState | Non
         CheckpointError: What should be resumed is damaged.
         StorageError: The directory cannot be written to.
     """
-    require_usable(out, config, resume)
+    require_usable(out, config, resume, processes)
     state = load_state(out) if resume else None
-    if leads():
+    if leads(processes):
         remove_leftovers(out, out / RESUME)
         write_config(out, config)
     return state

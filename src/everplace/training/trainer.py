@@ -15,6 +15,7 @@ from typing import Any
 
 import lightning
 import torch
+from lightning.fabric.plugins.environments.lightning import LightningEnvironment
 from lightning.pytorch.loggers import Logger, TensorBoardLogger
 from lightning.pytorch.trainer.states import TrainerStatus
 from torch.utils.data import DataLoader
@@ -63,10 +64,16 @@ def require_devices(devices: int) -> None:
         )
 
 
-def own_device() -> torch.device:
-    """The device that this process trains on: with several, each process has its own."""
+def own_device(processes: int) -> torch.device:
+    """The device that this process trains on: each of several processes has its own.
+
+    Args:
+        processes: How many train the run together.
+    """
     device = default_device()
-    return torch.device("cuda", int(os.environ.get("LOCAL_RANK", "0"))) if device.type == "cuda" else device
+    if device.type != "cuda":
+        return device
+    return torch.device("cuda", int(os.environ.get("LOCAL_RANK", "0")) if processes > 1 else 0)
 
 
 @contextmanager
@@ -107,7 +114,7 @@ def make_trainer(
         nodes: Machines.
         show: Whether progress is shown.
     """
-    device = default_device().type
+    device, processes = default_device().type, devices * nodes
     callbacks: list[lightning.Callback] = [keeper]
     if show:
         callbacks.append(TrainingDisplay(keeper, config))
@@ -116,7 +123,9 @@ def make_trainer(
             accelerator="gpu" if device == "cuda" else "cpu",
             devices=devices,
             num_nodes=nodes,
-            strategy="ddp" if devices * nodes > 1 else "auto",
+            strategy="ddp" if processes > 1 else "auto",
+            # A run of one process is not part of the job of several that a cluster's variables may tell of.
+            plugins=LightningEnvironment() if processes == 1 else None,
             precision="bf16-mixed" if bf16_is_fast(device) else "32-true",
             max_epochs=config.epochs - done.epoch if config.epochs is not None else -1,
             gradient_clip_val=GRADIENT_NORM,

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from everplace.evaluate.audit import Audit, Probe, SwapError
-from everplace.evaluate.findings import condition_finding, divergence_finding, place_finding, swap_finding
+from everplace.scoring.audit import Audit, Probe, SwapError
+from everplace.scoring.findings import condition_finding, divergence_finding, place_finding, swap_finding
 
 HEALTHY = Audit(
     condition_from_z_p=Probe(0.49, 0.51, 0.5),

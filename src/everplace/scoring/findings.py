@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from everplace.evaluate.audit import Audit, Probe, SwapError
+from everplace.scoring.audit import Audit, Probe, SwapError
 
 __all__ = ["Finding", "condition_finding", "divergence_finding", "place_finding", "swap_finding"]
 

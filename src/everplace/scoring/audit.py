@@ -26,12 +26,12 @@ from torch import Tensor
 
 from everplace.describe.descriptors import Descriptors
 from everplace.errors import RouteError
-from everplace.evaluate.scores import evaluate
 from everplace.match.similarity import similarity
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.images import to_input
 from everplace.model.inference import inference
 from everplace.model.posterior import ACTIVE_ABOVE
+from everplace.scoring.scores import evaluate
 
 __all__ = ["Audit", "Latents", "Probe", "SwapError", "audit", "encode_frames"]
 

@@ -15,9 +15,9 @@ from everplace.data.selection import Selection, parse_frames, select
 from everplace.data.truth import truth_by_position
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
-from everplace.evaluate.scores import Scores, evaluate
 from everplace.match.similarity import similarity
 from everplace.match.standardise import Standardisation, standardise
+from everplace.scoring.scores import Scores, evaluate
 
 
 @pytest.fixture(scope="module")

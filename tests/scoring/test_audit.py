@@ -13,12 +13,12 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from everplace.errors import RouteError
-from everplace.evaluate import audit as module
-from everplace.evaluate.audit import Audit, Probe, SwapError, audit, encode_frames
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
 from everplace.model.images import to_input
 from everplace.model.posterior import Posterior
+from everplace.scoring import audit as module
+from everplace.scoring.audit import Audit, Probe, SwapError, audit, encode_frames
 
 Pixels = NDArray[np.uint8]
 

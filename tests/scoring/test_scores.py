@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from sklearn.metrics import average_precision_score
 
 from everplace.errors import DescriptorsError, RouteError
-from everplace.evaluate import scores
-from everplace.evaluate.scores import average_precision, evaluate, precision_recall, recall_at
+from everplace.scoring import scores
+from everplace.scoring.scores import average_precision, evaluate, precision_recall, recall_at
 
 Matrix = NDArray[np.float64]
 Truth = NDArray[np.bool_]
