@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from everplace.errors import ConfigError
-from everplace.files import remove_leftovers, whole_file, write_text
+from everplace.errors import ConfigError, StorageError
+from everplace.files import remove_leftovers, whole_directory, whole_file, write_text
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no FIFOs in directories")
 
@@ -24,6 +26,18 @@ def test_a_file_is_replaced_and_a_link_to_one_too(tmp_path: Path) -> None:
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
         name: name for name in ("link", "nowhere", "old", "new")
     }
+
+
+@pytest.mark.parametrize("writing", [whole_file, whole_directory])
+def test_an_output_is_not_blamed_for_an_input(tmp_path: Path, writing: Any) -> None:
+    with pytest.raises(FileNotFoundError, match=r"input\.txt"), writing(tmp_path / "out"):
+        (tmp_path / "input.txt").read_text()
+    for inside in ("", "deep/er"):
+        with pytest.raises(StorageError, match="cannot write .*out: No such file"), writing(tmp_path / "out") as out:
+            (out / inside / "missing" / "file").write_text("text")
+    with pytest.raises(StorageError, match="cannot write .*out: No space left"), writing(tmp_path / "out"):
+        raise OSError(errno.ENOSPC, "full")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("linked", [False, True])

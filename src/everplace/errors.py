@@ -6,6 +6,7 @@ the class's status.
     EverplaceError
     ├── InputError                  bad usage or bad input, exit status 2
     │   ├── ConfigError             an option, a TOML file or a value in it
+    │   │   ├── SettingError        a setting by its name, which a command knows as an option
     │   │   └── OtherRunError       a run directory holds another run than the one to continue
     │   ├── RouteError              the structure of a route: folders, stems, conditions, poses
     │   ├── ImageError              one image file that cannot be decoded

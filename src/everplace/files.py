@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import re
 import secrets
@@ -10,12 +11,14 @@ import shutil
 import stat
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from everplace.errors import ConfigError, StorageError
 
 __all__ = [
     "cache_directory",
     "is_special",
+    "json_text",
     "readable",
     "remove_file",
     "remove_leftovers",
@@ -23,6 +26,7 @@ __all__ = [
     "whole_directory",
     "whole_file",
     "write_bytes",
+    "write_json",
     "write_text",
 ]
 
@@ -62,7 +66,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     """Gives a temporary sibling to write to; on success it replaces `path` by rename, else it is removed.
 
     Args:
-        path: The file to create or replace. Its directory is made if missing.
+        path: The file to create or replace; a link is replaced, not followed. Its directory is made if missing.
 
     Yields:
         The temporary path to write to; it keeps the suffix of `path`, and does not exist yet.
@@ -70,12 +74,13 @@ def whole_file(path: Path) -> Iterator[Path]:
     Raises:
         ConfigError: `path` is a device, a FIFO or a socket.
         StorageError: The disk is full or the place cannot be written to; `path` is as it was before.
+        OSError: Of another file than the one that is written, as it came.
     """
     if is_special(path):
         raise ConfigError(f"{readable(path)} is a device, a FIFO or a socket; choose a file to write to")
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}-{secrets.token_hex(4)}.part{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.stem}.{os.getpid()}-{secrets.token_hex(4)}.part{path.suffix}")
         try:
             yield temporary
             with temporary.open("rb+") as file:
@@ -85,9 +90,9 @@ def whole_file(path: Path) -> Iterator[Path]:
             with contextlib.suppress(OSError):
                 temporary.unlink()
     except OSError as error:
-        raise StorageError(
-            f"cannot write {readable(path)}: {_reason(error)}; free space or choose another place"
-        ) from error
+        if _is_of_another(error, temporary):
+            raise
+        raise _cannot_write(path, error) from error
 
 
 def remove_file(path: Path) -> None:
@@ -133,10 +138,11 @@ def whole_directory(path: Path) -> Iterator[Path]:
 
     Raises:
         StorageError: The disk is full or the place cannot be written to; nothing is left behind.
+        OSError: Of a file that is not in the directory, as it came.
     """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
         temporary.mkdir()
         try:
             yield temporary
@@ -148,9 +154,9 @@ def whole_directory(path: Path) -> Iterator[Path]:
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
     except OSError as error:
-        raise StorageError(
-            f"cannot write {readable(path)}: {_reason(error)}; free space or choose another place"
-        ) from error
+        if _is_of_another(error, temporary):
+            raise
+        raise _cannot_write(path, error) from error
 
 
 def require_free_directory(path: Path) -> None:
@@ -175,8 +181,32 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a whole UTF-8 file by rename (see `whole_file`)."""
-    write_bytes(path, text.encode("utf-8"))
+    """Writes a whole UTF-8 file by rename (see `whole_file`); what of a file name is not UTF-8 is escaped in it."""
+    write_bytes(path, text.encode("utf-8", "backslashreplace"))
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Writes a value as a whole JSON file by rename (see `whole_file`)."""
+    write_text(path, json_text(value))
+
+
+def json_text(value: Any) -> str:
+    """Returns JSON for people to read; what of a file name is not UTF-8 stays in it, as JSON's own escapes."""
+    text = json.dumps(value, indent=2, ensure_ascii=False) + "\n"
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def _is_of_another(error: OSError, temporary: Path) -> bool:
+    """Whether an error names a file or directory that has nothing to do with what is written at `temporary`."""
+    if not isinstance(error.filename, str | bytes | os.PathLike):
+        return False  # a full disk names none
+    path = Path.cwd() / os.fsdecode(error.filename)
+    temporary = Path.cwd() / temporary
+    return not (path.is_relative_to(temporary) or temporary.is_relative_to(path))
+
+
+def _cannot_write(path: Path, error: OSError) -> StorageError:
+    return StorageError(f"cannot write {readable(path)}: {_reason(error)}; free space or choose another place")
 
 
 def _reason(error: OSError) -> str:

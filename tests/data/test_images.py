@@ -174,8 +174,9 @@ def test_black_and_white_bitmap(tmp_path: Path) -> None:
     assert decode_image(tmp_path / "a.png", GREY)[0, :, 0].tolist() == [0, 255]
 
 
+@pytest.mark.parametrize("ending", ["jpg", "tiff", "png"])
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_exif_orientation_is_applied(tmp_path: Path, orientation: int) -> None:
+def test_exif_orientation_is_applied(tmp_path: Path, orientation: int, ending: str) -> None:
     """A camera that stores the sensor's rows turned; the upright picture must come back."""
     upright = landscape(64, 96)
     inverse = {5: 5, 6: 8, 7: 7, 8: 6}.get(orientation, orientation)
@@ -193,13 +194,13 @@ def test_exif_orientation_is_applied(tmp_path: Path, orientation: int) -> None:
         stored = stored.transpose(turns[inverse])
     exif = Image.Exif()
     exif[0x0112] = orientation
-    path = tmp_path / "a.jpg"
-    stored.save(path, quality=95, subsampling=0, exif=exif)
+    path = tmp_path / f"a.{ending}"
+    stored.save(path, exif=exif, quality=95, subsampling=0)
 
     assert np.abs(decode_image(path, COLOUR).astype(int) - upright).max() <= 6
     small = decode_image(path, ImageSpec(size=(32, 48)))
     assert np.abs(small.astype(int) - resize_image(upright, (32, 48))).max() <= 6
-    assert image_size("a.jpg", path.read_bytes()) == (64, 96)
+    assert image_size(path.name, path.read_bytes()) == (64, 96)
 
 
 @pytest.mark.parametrize("kind", ["JPEG", "PNG", "BMP", "TIFF", "WEBP", "PPM"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -86,3 +87,16 @@ def test_pictures_of_an_earlier_method_do_not_stay(route: Path, tmp_path: Path) 
 @pytest.mark.parametrize(("truth", "within"), [(Truth(tolerance=2), 2), (Truth(radius=25.0), 1)])
 def test_the_audit_says_what_it_counts_as_right(route: Path, tmp_path: Path, truth: Truth, within: int) -> None:
     assert evaluated(route, tmp_path, {}, truth).metrics()["audit"]["tolerance"] == within
+
+
+def test_traverse_and_condition_are_both_told(route: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "route"
+    shutil.copytree(route, copy)
+    (copy / "route.toml").write_text('[traverses.day]\ncondition = "sun"\n[traverses.night]\ncondition = "dark"\n')
+    evaluation = evaluate_method(
+        open_route(copy), "sad", query="sun", database="night", selection=Selection(), truth=Truth(tolerance=1),
+        matching=Matching(),
+    )  # fmt: skip
+    metrics = evaluation.metrics()
+    assert (metrics["query_traverse"], metrics["database_traverse"]) == ("day", "night")
+    assert (metrics["query_condition"], metrics["database_condition"]) == ("sun", "dark")

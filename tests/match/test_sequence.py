@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from everplace.errors import ConfigError
+from everplace.errors import ConfigError, DescriptorsError
 from everplace.match.route_filter import filter_windows
 from everplace.match.seqslam import seqslam
 from everplace.match.sequence import SEQUENCE_METHODS, SequenceMethod, average_sequences, search_sequences
@@ -79,3 +81,11 @@ def test_one_frame_is_no_sequence(method: SequenceMethod) -> None:
 def test_an_unknown_method_is_refused() -> None:
     with pytest.raises(ConfigError, match="--sequence-method dtw is not known; choose filter, seqslam, mean"):
         search_sequences(np.ones((2, 2)), 2, "dtw")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("method", SEQUENCE_METHODS)
+@pytest.mark.parametrize("length", [1, 3])
+@pytest.mark.parametrize("S", [np.zeros(5), np.zeros((0, 3)), np.array([["a"]])])
+def test_what_is_no_matrix_of_scores_is_refused(method: SequenceMethod, length: int, S: NDArray[Any]) -> None:
+    with pytest.raises(DescriptorsError, match="are no traverse"):
+        search_sequences(S, length, method)

@@ -140,5 +140,12 @@ def test_what_does_not_fit_together_is_refused() -> None:
         for call in (similarity, lambda q, b: top_k(q, b, 1), lambda q, b: list(similarity_blocks(q, b))):
             with pytest.raises(DescriptorsError, match=message):
                 call(d, other)
-    with pytest.raises(ConfigError, match="--top 0"):
+    with pytest.raises(ConfigError, match="best 0 matches"):
         top_k(d, d, 0)
+
+
+@pytest.mark.parametrize("block", [0, -5])
+def test_blocks_of_no_queries_are_refused(block: int) -> None:
+    some = random_descriptors(3, "cosine", 0)
+    with pytest.raises(ConfigError, match=f"blocks of {block} queries"):
+        next(similarity_blocks(some, some, block))

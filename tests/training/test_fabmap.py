@@ -19,7 +19,8 @@ from everplace.errors import ConfigError, MethodError
 from everplace.match.place_posterior import new_place_probability
 from everplace.match.similarity import similarity, top_k
 from everplace.model.fabmap import load_fabmap
-from everplace.training.fabmap import FabMapTrainConfig, fit_fabmap
+from everplace.progress import quiet
+from everplace.training.fabmap import FabMapTrainConfig, _features, _sample_features, fit_fabmap
 from everplace.training.methods import FITTED_METHODS, build_config, fit_method
 
 PLACES = 10
@@ -171,6 +172,15 @@ def test_too_few_features_are_said_with_their_number(textured: Route, tmp_path: 
         fit_fabmap(textured, config(words=60000), tmp_path / "run")
     assert not list((tmp_path / "run").iterdir())
     fit_fabmap(textured, config(), tmp_path / "run")  # as the message says, into the same place
+
+
+def test_the_vocabulary_is_of_all_conditions_even_if_there_are_more_frames_than_features(textured: Route) -> None:
+    settings = config(words=2, vocabulary_features=PLACES)
+    features = _sample_features(textured, settings, quiet)
+    assert len(features) == PLACES
+    of_day = {row.tobytes() for found in _features(textured.only(["day"]), settings, "", quiet) for row in found}
+    from_day = sum(row.tobytes() in of_day for row in features)
+    assert 0 < from_day < PLACES
 
 
 @pytest.mark.parametrize(

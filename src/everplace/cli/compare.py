@@ -37,6 +37,7 @@ from everplace.cli.output import (
     show_result,
     warn,
 )
+from everplace.files import readable
 
 if TYPE_CHECKING:
     from everplace.data.route import Route
@@ -149,4 +150,4 @@ def _command() -> str:
             arguments[index] = "--out=DIR"
         elif index and arguments[index - 1] == "--out":
             arguments[index] = "DIR"
-    return shlex.join(["everplace", *arguments])
+    return shlex.join(["everplace", *map(readable, arguments)])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import shlex
 import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from everplace.errors import ConfigError, SettingError
-from everplace.files import is_special, readable
+from everplace.files import is_special, json_text, readable
 from everplace.progress import Progress
 
 __all__ = [
@@ -52,16 +51,17 @@ def show_progress() -> Progress:
 def show_result(result: Mapping[str, Any], as_json: bool) -> None:
     """Prints a result on stdout: for people without its long lists, which nobody reads in a line."""
     if as_json:
-        print(json.dumps(result, indent=2, ensure_ascii=False))
+        print(json_text(result), end="")
         return
     width = max((len(key) for key in _flat(result)), default=0)
     for key, value in _flat(result).items():
-        print(f"{key:<{width}}  {value:.4g}" if isinstance(value, float) else f"{key:<{width}}  {value}")
+        text = f"{value:.4g}" if isinstance(value, float) else readable(str(value))
+        print(f"{key:<{width}}  {text}")
 
 
 def provenance() -> dict[str, str]:
     """Where a report comes from: the command, the time and the version."""
-    command = shlex.join(["everplace", *sys.argv[1:]])
+    command = shlex.join(["everplace", *map(readable, sys.argv[1:])])
     now = datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
     return {"command": command, "date": now, "version": f"everplace {version('everplace')}"}
 

@@ -18,7 +18,7 @@ from typing import Any
 from everplace.data.catalogue import DataFile, DataSet, HubFolder
 from everplace.downloads import Download, Patience, fetch, fetch_all, sha256_of
 from everplace.errors import DownloadError, InputError, StorageError
-from everplace.files import cache_directory, readable, write_text
+from everplace.files import cache_directory, readable, write_json
 from everplace.progress import Progress, quiet
 
 __all__ = ["LOCK_FILE", "Fetched", "default_directory", "fetch_data_set"]
@@ -174,4 +174,4 @@ def _write_lock(lock: Path, data_set: DataSet, files: tuple[DataFile, ...], publ
         "citation": data_set.citation,
         "files": [{**asdict(file), "published": said} for file, said in zip(files, published, strict=True)],
     }
-    write_text(lock, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+    write_json(lock, content)

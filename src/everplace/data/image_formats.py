@@ -49,6 +49,7 @@ _READERS: tuple[tuple[bytes, type[ImageFile.ImageFile]], ...] = (
     (b"P6", PpmImageFile),
 )
 _ORIENTATION_TAG = 0x0112
+_WIDTH_TAG, _HEIGHT_TAG = 0x0100, 0x0101
 _ON_ITS_SIDE = frozenset({5, 6, 7, 8})
 
 
@@ -91,7 +92,10 @@ def image_size(name: str, data: bytes) -> tuple[int, int]:
     """Returns the (H, W) of the upright picture, as its header says; errors as `decode_bytes`."""
     with _find_reader(name, data)(io.BytesIO(data)) as image:
         on_its_side = image.getexif().get(_ORIENTATION_TAG, 1) in _ON_ITS_SIDE
-        return (image.width, image.height) if on_its_side else (image.height, image.width)
+        width, height = image.size
+        if isinstance(image, TiffImageFile):  # versions of Pillow differ in whether its size is upright already
+            width, height = image.tag_v2[_WIDTH_TAG], image.tag_v2[_HEIGHT_TAG]
+        return (width, height) if on_its_side else (height, width)
 
 
 def _find_reader(name: str, data: bytes) -> type[ImageFile.ImageFile]:

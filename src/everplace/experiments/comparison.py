@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -24,7 +23,7 @@ from everplace.experiments.fitting import Methods
 from everplace.experiments.ingredients import ingredient_metrics, named_ingredients
 from everplace.experiments.manifest import MANIFEST, Study, require_same_study
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, pair_of, retrieve, true_matches
-from everplace.files import remove_leftovers, write_text
+from everplace.files import remove_leftovers, write_json
 from everplace.match.standardise import standardisable
 from everplace.progress import Progress, quiet
 from everplace.scoring.audit import Audit
@@ -229,7 +228,7 @@ def compare_methods(
                 parts[label].save(result)
             if not results:
                 # Not before anything is done: a manifest refuses other images, such as one that had to be repaired.
-                write_text(out / MANIFEST, json.dumps(manifest, indent=2, ensure_ascii=False) + "\n")
+                write_json(out / MANIFEST, manifest)
             results[label] = result
     return Comparison(study, results, describers, parts, left_out, manifest)
 

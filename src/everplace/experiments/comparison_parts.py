@@ -23,7 +23,7 @@ from everplace.describe.descriptors import Descriptors, load_descriptors
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.protocol import Describer
 from everplace.errors import DescriptorsError
-from everplace.files import remove_file, write_text
+from everplace.files import remove_file, write_json, write_text
 from everplace.progress import Progress, quiet
 from everplace.scoring.audit import Audit
 from everplace.scoring.scores import PrecisionRecall, Scores
@@ -160,7 +160,7 @@ def keep_pictures(out: Path, names: Sequence[str]) -> None:
         if Path(name).name == name and name.endswith(".png"):
             remove_file(out / name)
     if before or names:
-        write_text(record, json.dumps(list(names), ensure_ascii=False) + "\n")
+        write_json(record, list(names))
 
 
 def _pair_document(query: str, database: str, result: PairResult) -> dict[str, Any]:

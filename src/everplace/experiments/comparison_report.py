@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from everplace.experiments.latent_report import audit_section, latent_section
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.pictures import match_figure, matrix_figure
 from everplace.experiments.retrieval import pair_of
-from everplace.files import write_text
+from everplace.files import json_text, write_json, write_text
 from everplace.plots.canvas import new_figure, save_figure
 from everplace.plots.curves import draw_precision_recall_panels
 from everplace.plots.interactive import precision_recall_figure
@@ -69,7 +68,7 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
         keep_pictures(out, pictures)
         _how(report, comparison)
         write_text(out / "table.md", _markdown(comparison))
-        write_text(out / "metrics.json", json.dumps(comparison.metrics(), indent=2) + "\n")
+        write_json(out / "metrics.json", comparison.metrics())
         report.write(out / "report.html")
     return report
 
@@ -100,7 +99,7 @@ def _say_remarks(section: Section, comparison: Comparison) -> None:
 def _how(report: Report, comparison: Comparison) -> None:
     section = report.section("How it was measured")
     section.table(["what", "definition"], [[name, text] for name, text in DEFINITIONS.items()])
-    section.folded("Manifest", json.dumps(comparison.manifest, indent=2, ensure_ascii=False))
+    section.folded("Manifest", json_text(comparison.manifest))
 
 
 def _pair_section(

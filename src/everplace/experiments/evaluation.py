@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from everplace.experiments.ingredients import ingredient_metrics, named_ingredie
 from everplace.experiments.latent_report import LATENT_PICTURES, audit_section, latent_section
 from everplace.experiments.pictures import match_figure, matrix_figure
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, choose_pair, retrieve, true_matches
-from everplace.files import remove_file, write_text
+from everplace.files import remove_file, write_json
 from everplace.match.standardise import require_standardisable
 from everplace.plots.canvas import save_figure
 from everplace.plots.interactive import precision_recall_figure
@@ -70,8 +69,10 @@ class Evaluation:
         return {
             "method": self.result.method,
             **ingredient_metrics(self.describer.settings()),
-            "query_condition": self.pair.query.name,
-            "database_condition": self.pair.database.name,
+            "query_traverse": self.pair.query.name,
+            "database_traverse": self.pair.database.name,
+            "query_condition": self.pair.query.condition,
+            "database_condition": self.pair.database.condition,
             "protocol": self.route.protocol,
             **scores,
             "tolerance": self.truth.tolerance,
@@ -188,7 +189,7 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
         for name in set(LATENT_PICTURES) - set(pictures):
             remove_file(out / name)
     report.write(out / "report.html")
-    write_text(out / _METRICS, json.dumps(evaluation.metrics(), indent=2) + "\n")
+    write_json(out / _METRICS, evaluation.metrics())
 
 
 def score_facts(result: Retrieval) -> dict[str, float | int]:

@@ -52,7 +52,7 @@ class Matching:
 
     Attributes:
         standardise: Subtract each traverse's mean descriptor (`centre`), also divide by its spread (`full`).
-        sequence: Score places by so many last frames; 1: frame by frame.
+        sequence: Number of last frames that score each place; 1: frame by frame.
         sequence_method: How, see `everplace.match.sequence`.
     """
 

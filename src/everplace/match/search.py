@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from everplace.describe.descriptors import Descriptors
 from everplace.match.sequence import SequenceMethod, search_sequences
-from everplace.match.similarity import similarity, top_k
+from everplace.match.similarity import best_columns, similarity, top_k
 from everplace.match.standardise import Standardisation, standardise
 
 __all__ = ["best_matches", "compared"]
@@ -40,18 +40,17 @@ def best_matches(
         database: N descriptors.
         k: Matches for each query; at most N are returned.
         standardised: See `everplace.match.standardise`.
-        sequence: Score by so many last frames; 1: frame by frame.
+        sequence: Number of last frames that score each place; 1 scores every frame alone.
         sequence_method: See `everplace.match.sequence`.
 
     Returns:
         Indices and scores, M×min(k, N).
 
     Raises:
+        ConfigError: `k` or `sequence` is below 1.
         DescriptorsError: The two do not come from the same method, settings and dimension.
     """
     query, database = compared(query, database, standardised)
     if sequence == 1:
         return top_k(query, database, k)
-    S = search_sequences(similarity(query, database), sequence, sequence_method)
-    order = np.argsort(-S, axis=1, kind="stable")[:, :k]
-    return order.astype(np.int64), np.take_along_axis(S, order, axis=1)
+    return best_columns(search_sequences(similarity(query, database), sequence, sequence_method), k)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from everplace.errors import ConfigError
 from everplace.match.route_filter import filter_windows
+from everplace.match.route_model import checked_scores
 from everplace.match.seqslam import seqslam
 
 __all__ = ["SEQUENCE_METHODS", "SequenceMethod", "average_sequences", "search_sequences"]
@@ -60,10 +61,11 @@ def average_sequences(S: NDArray[Any], length: int) -> NDArray[np.floating[Any]]
 
     Raises:
         ConfigError: `length` is below 1.
+        DescriptorsError: S is no matrix of numbers.
     """
     if length < 1:
         raise ConfigError(f"--sequence {length} is not possible; give a number of frames of at least 1")
-    S = np.asarray(S)
+    S = checked_scores(S)
     mean = np.array(S, dtype=S.dtype if S.dtype.kind == "f" else np.float64)
     rows, columns = S.shape
     for k in range(1, min(length, rows, columns)):

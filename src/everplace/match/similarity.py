@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from everplace.describe.descriptors import Descriptors
 from everplace.errors import ConfigError, DescriptorsError
 from everplace.match.place_posterior import PlacePosterior
 
-__all__ = ["similarity", "similarity_blocks", "top_k"]
+__all__ = ["best_columns", "similarity", "similarity_blocks", "top_k"]
 
 _BLOCK = 1024
 _DATABASE_BLOCK = 8192
@@ -48,7 +49,22 @@ def similarity(query: Descriptors, database: Descriptors) -> NDArray[np.float32]
 def similarity_blocks(
     query: Descriptors, database: Descriptors, block: int = _BLOCK
 ) -> Iterator[tuple[slice, NDArray[np.float32]]]:
-    """Yields (rows, similarity of these queries to the whole database), `block` queries at once."""
+    """Compares as `similarity` does, without the whole matrix.
+
+    Args:
+        query: M descriptors.
+        database: N descriptors of the same method and settings.
+        block: Queries compared at once, at least 1.
+
+    Yields:
+        The rows of some queries, in order, and their B×N scores against the whole database.
+
+    Raises:
+        ConfigError: `block` is below 1.
+        DescriptorsError: As for `similarity`.
+    """
+    if block < 1:
+        raise ConfigError(f"blocks of {block} queries are not possible; give at least 1")
     compare = _comparison(query, database)
     columns = slice(0, len(database))
     for start in range(0, len(query), block):
@@ -71,8 +87,7 @@ def top_k(query: Descriptors, database: Descriptors, k: int) -> tuple[NDArray[np
         ConfigError: K is below 1.
         DescriptorsError: As for `similarity`.
     """
-    if k < 1:
-        raise ConfigError(f"--top {k} is not possible; give at least 1")
+    _require_some(k)
     compare = _comparison(query, database)
     k = min(k, len(database))
     indices = np.empty((len(query), k), np.int64)
@@ -84,9 +99,41 @@ def top_k(query: Descriptors, database: Descriptors, k: int) -> tuple[NDArray[np
             columns = slice(start, min(start + _DATABASE_BLOCK, len(database)))
             best = _largest(np.hstack([best, _ranking_keys(compare(rows, columns), start)]), k)
         best = np.sort(best, axis=1)[:, ::-1]
-        indices[rows] = _INDEX - (best & _INDEX)
+        indices[rows] = _columns_of(best)
         scores[rows] = _ordered_bits((best >> 32).astype(np.int32)).view(np.float32)
     return indices, scores
+
+
+def best_columns(S: NDArray[np.floating[Any]], k: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Finds the K highest scores of every row.
+
+    Args:
+        S: M×N scores; NaN is the lowest.
+        k: K, at least 1; more than N gives N.
+
+    Returns:
+        Columns M×K and their scores M×K, best first; of equal scores the lower column first.
+
+    Raises:
+        ConfigError: K is below 1.
+    """
+    _require_some(k)
+    k = min(k, S.shape[1])
+    columns = np.empty((len(S), k), np.int64)
+    for first in range(0, len(S), _BLOCK):
+        rows = slice(first, min(first + _BLOCK, len(S)))
+        block = np.where(np.isnan(S[rows]), -np.inf, S[rows]).astype(np.float32, copy=False)
+        columns[rows] = _columns_of(np.sort(_largest(_ranking_keys(block, 0), k), axis=1)[:, ::-1])
+    return columns, np.take_along_axis(S, columns, axis=1).astype(np.float32, copy=False)
+
+
+def _require_some(k: int) -> None:
+    if k < 1:
+        raise ConfigError(f"the best {k} matches were asked for (--top); give at least 1")
+
+
+def _columns_of(keys: NDArray[np.int64]) -> NDArray[np.int64]:
+    return _INDEX - (keys & _INDEX)
 
 
 def _ranking_keys(S: NDArray[np.float32], start: int) -> NDArray[np.int64]:

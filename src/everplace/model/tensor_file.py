@@ -19,7 +19,7 @@ from safetensors.torch import load, save
 from torch import Tensor
 
 from everplace.errors import CheckpointError
-from everplace.files import readable, write_bytes, write_text
+from everplace.files import readable, write_bytes, write_json
 
 __all__ = ["has_tensors", "load_tensors", "save_tensors"]
 
@@ -41,7 +41,7 @@ def save_tensors(directory: Path, name: str, tensors: Mapping[str, Tensor], abou
     file = f"{name}-{digest[:16]}.safetensors"
     write_bytes(directory / file, data)
     document = {**about, "tensors": {"file": file, "sha256": digest}}
-    write_text(directory / f"{name}.json", json.dumps(document, indent=2, ensure_ascii=False) + "\n")
+    write_json(directory / f"{name}.json", document)
     for old in sorted(directory.glob(f"{name}-*.safetensors")):
         if old.name != file:
             old.unlink(missing_ok=True)

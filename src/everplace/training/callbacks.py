@@ -73,7 +73,7 @@ class RunKeeper(lightning.Callback):
         self.latest = row
         self.progress = self.progress.model_copy(update={"epoch": epoch, "seconds": row["seconds"]})
         if trainer.is_global_zero:
-            self._warn_of_collapse(row)
+            self._warn_of_collapse(row, last=last)
             self._keep(trainer, pl_module, row)
         self.progress = trainer.strategy.broadcast(self.progress)
         pl_module.has_checkpoint = self.progress.best_epoch > 0
@@ -106,8 +106,10 @@ class RunKeeper(lightning.Callback):
             save_state(self._run, self.progress, module.model, optimizer, self._images, module.remedies)
             self._saved = time.monotonic()
 
-    def _warn_of_collapse(self, row: dict[str, float]) -> None:
-        if row["epoch"] <= self._config.warmup_epochs or self._config.model == "cae":
+    def _warn_of_collapse(self, row: dict[str, float], *, last: bool) -> None:
+        # While the weight of the divergence rises a block may still come to life, unless training ends before.
+        warming_up = row["epoch"] <= self._config.warmup_epochs and not last
+        if warming_up or self._config.model == "cae":
             return
         # What holds a block up: the label that is read from it, or else the image.
         support = {

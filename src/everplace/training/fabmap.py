@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from everplace.data.images import ImageSpec, decode_images, read_image_bytes
+from everplace.data.fingerprint import file_digests
+from everplace.data.images import ImageSpec, decode_images
 from everplace.data.route import Route
 from everplace.errors import ConfigError
 from everplace.files import readable
@@ -154,14 +155,21 @@ def _features(route: Route, config: FabMapTrainConfig, what: str, progress: Prog
 
 
 def _sample_features(route: Route, config: FabMapTrainConfig, progress: Progress) -> NDArray[np.uint8]:
-    """As many features of every frame as make up the wanted number, drawn by (seed, frame) alone."""
+    """As many features of every frame as make up the wanted number, drawn by (seed, frame) alone.
+
+    Where there are more frames than features wanted, one of each of so many frames, drawn from all traverses.
+    """
     total = sum(map(len, route.traverses))
     share = max(1, config.vocabulary_features // total)
+    asked = np.ones(total, np.bool_)
+    if total > config.vocabulary_features:
+        asked[np.random.default_rng((config.seed, 2)).permutation(total)[config.vocabulary_features :]] = False
     sample: list[NDArray[np.uint8]] = [np.zeros((0, FEATURE_DIMENSIONS), np.uint8)]
     for index, found in enumerate(_features(route, config, "SIFT features", progress)):
-        drawn = np.random.default_rng((config.seed, 0, index)).permutation(len(found))[:share]
-        sample.append(found[np.sort(drawn)])
-    features = np.concatenate(sample)[: config.vocabulary_features]
+        if asked[index]:
+            drawn = np.random.default_rng((config.seed, 0, index)).permutation(len(found))[:share]
+            sample.append(found[np.sort(drawn)])
+    features = np.concatenate(sample)
     distinct = len(np.unique(features, axis=0)) if len(features) else 0
     if distinct < config.words:
         raise ConfigError(
@@ -186,6 +194,6 @@ def _fingerprint(route: Route, progress: Progress) -> str:
     labels = [(traverse.condition, traverse.stems) for traverse in route.traverses]
     digest = hashlib.sha256(json.dumps(labels).encode())
     for traverse in route.traverses:
-        for path in progress(traverse.paths, f"fingerprint of {traverse.name}", len(traverse)):
-            digest.update(hashlib.sha256(read_image_bytes(path)).digest())
+        for some in file_digests(traverse, progress):
+            digest.update(some)
     return digest.hexdigest()
