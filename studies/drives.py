@@ -14,11 +14,11 @@ from everplace.data.selection import Selection, parse_frames
 from everplace.data.traverse import Traverse
 from everplace.data.truth import truth_by_position
 from everplace.describe.descriptors import Descriptors
-from everplace.experiments.drive import resample_drive
 from everplace.experiments.retrieval import choose_pair
 from everplace.match.search import compared
 from everplace.match.similarity import similarity
 from everplace.match.standardise import Standardisation
+from studies.resample import resample_drive
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 import h5py
@@ -63,6 +64,32 @@ def refused(*arguments: str | Path, status: int = 2) -> str:
     assert lines[0].startswith("everplace: ")
     assert out == ""
     return lines[0]
+
+
+def test_the_version_is_printed() -> None:
+    assert call("--version") == (0, f"everplace {version('everplace')}\n", "")
+
+
+def test_a_name_that_is_not_utf8_is_printed_escaped(tiny_route: Path, tmp_path: Path) -> None:
+    out = os.fsencode(tmp_path) + b"/x\xff.h5"
+    command = [sys.executable, "-m", "everplace.cli.main", "describe", "sad", str(tiny_route / "summer"), "--out"]
+    command.append(os.fsdecode(out))
+    environment = {**os.environ, "PYTHONIOENCODING": "utf-8:strict"}
+    for more, told in ([], "x\\xff.h5"), (["--json"], "x\\udcff.h5"):
+        done = subprocess.run([*command, *more], capture_output=True, env=environment, check=False)
+        assert done.returncode == 0, done.stderr
+        assert told.encode() in done.stdout
+    assert json.loads(done.stdout)["out"] == os.fsdecode(out)
+
+
+def test_a_traverse_against_itself_is_warned_of(tiny_route: Path, tmp_path: Path) -> None:
+    arguments: list[str | Path] = [tiny_route, "--method", "sad", "--query", "winter", "--database", "winter"]
+    for command, out in (["evaluate"], "out"), (["show", "matrix"], "matrix.png"):
+        status, _, err = call(*command, *arguments, "--out", tmp_path / out)
+        assert status == 0
+        assert "query and database are both 'winter', so every frame finds itself" in err
+    status, _, err = call("evaluate", *arguments[:-1], "summer", "--out", tmp_path / "two")
+    assert (status, err) == (0, "")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

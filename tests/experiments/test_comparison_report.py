@@ -17,7 +17,7 @@ from everplace.experiments.comparison_report import write_comparison
 from everplace.experiments.fitting import Methods
 from everplace.experiments.manifest import open_study
 from everplace.experiments.retrieval import Matching, Truth
-from everplace.training.run_directory import locked
+from everplace.locking import locked
 
 
 def written(route: Path, out: Path, **methods: str | Path) -> Comparison:

@@ -37,6 +37,7 @@ from everplace.training.recipes import recipe
         ({"recipe": "worst"}, "--recipe 'worst' does not exist; choose faithful or best"),
         ({"recipe": "best"}, "--recipe best is a recipe of cp-vae, not of vae"),
         ({"remedies": {"mixup": 1}}, r"remedies\.mixup: .*; known are contrastive, temperature, adversary"),
+        ({"remedies": {"virtual": {"nope": 1}}}, r"remedies\.virtual\.nope: .*; known are (?!contrastive)"),
         ({"remedies": {"contrastive": 1}}, "remedies.contrastive needs place labels, which vae does not use; set"),
         (
             {"model": "c-vae", "remedies": {"swap": 1}},

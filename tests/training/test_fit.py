@@ -67,8 +67,8 @@ def test_a_run_leaves_checkpoint_configuration_and_metrics(
     assert summary.best_epoch == 3 - int(np.argmax(best[::-1]))
     assert summary.best_value == pytest.approx(best.max())
     assert replace(summary, seconds=0.0) == TrainSummary(
-        str(out), "cp-vae", "faithful", (), 3, 0.0, 16, 8, ("day", "night"), "held_out_recall_at_1", summary.best_epoch,
-        summary.best_value,
+        str(out), "cp-vae", "faithful", (), 3, 0.0, 16, 8, 4, ("day", "night"), "held_out_recall_at_1",
+        summary.best_epoch, summary.best_value,
     )  # fmt: skip
     checkpoint = load_checkpoint(out)
     assert checkpoint.about == {

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from everplace import locking
 from everplace.errors import CheckpointError, ConfigError
-from everplace.training import run_directory
 from everplace.training.config import CONFIG_FILE, TrainConfig
-from everplace.training.run_directory import leads, locked, prepare_run, require_usable
+from everplace.training.run_directory import leads, locked_run, prepare_run, require_usable
 from everplace.training.state import RESUME, RunProgress, save_state
 
 MakeConfig = Callable[..., TrainConfig]
@@ -91,41 +89,14 @@ def test_looking_makes_no_directory(tmp_path: Path, make_config: MakeConfig) -> 
     assert not (tmp_path / "run").exists()
 
 
-def test_one_process_at_a_time_trains_into_a_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_directory, "_SECONDS_TO_LET_GO", 0.2)
-    out = tmp_path / "deep" / "run"
-    with locked(out):
-        with pytest.raises(ConfigError, match="run is being written by another process"), locked(out):
+def test_one_run_at_a_time_is_written_into_a_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(locking, "_SECONDS_TO_LET_GO", 0.2)
+    with locked_run(tmp_path, processes=2), monkeypatch.context() as patch:
+        patch.setenv("LOCAL_RANK", "1")
+        with locked_run(tmp_path, processes=2):
+            pass  # of the same run
+        with pytest.raises(ConfigError, match="is being written by another process"), locked_run(tmp_path):
             pass
-        with locked(tmp_path / "another"):
-            pass
-        with monkeypatch.context() as patch:
-            patch.setenv("LOCAL_RANK", "1")
-            with locked(out, processes=2):
-                pass
-            with pytest.raises(ConfigError, match="another process"), locked(out):
-                pass  # another run
-    with locked(out):
-        assert list(out.iterdir()) == []
-
-
-@pytest.mark.slow
-def test_the_lock_ends_with_its_process(tmp_path: Path) -> None:
-    context = multiprocessing.get_context("forkserver")
-    process = context.Process(target=_hold, args=(tmp_path,))
-    process.start()
-    while not (tmp_path / "held").exists():
-        assert process.is_alive()
-    process.kill()
-    process.join()
-    with locked(tmp_path):
-        pass
-
-
-def _hold(out: Path) -> None:
-    with locked(out):
-        (out / "held").touch()
-        time.sleep(60)
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,7 @@ def evaluate(
     from everplace.data.route import open_route
     from everplace.data.selection import Selection, parse_frames
     from everplace.experiments.evaluation import evaluate_method, seen_sentence, write_evaluation
-    from everplace.experiments.retrieval import Matching, Truth
+    from everplace.experiments.retrieval import Matching, Truth, of_itself_sentence
 
     evaluation = evaluate_method(
         open_route(route),
@@ -71,5 +71,7 @@ def evaluate(
     )
     if evaluation.trained_places:
         warn(f"{seen_sentence(method, evaluation.trained_places)} Test on others with --frames")
+    if evaluation.pair.of_itself:
+        warn(of_itself_sentence(evaluation.pair))
     write_evaluation(evaluation, out, details=provenance())
     show_result(evaluation.metrics(), as_json)

@@ -22,7 +22,7 @@ from everplace.cli.options import (
     Standardise,
     Tolerance,
 )  # fmt: skip
-from everplace.cli.output import one_of, require_file, show_progress, show_result
+from everplace.cli.output import one_of, require_file, show_progress, show_result, warn
 
 if TYPE_CHECKING:
     from everplace.data.route import Route
@@ -204,15 +204,23 @@ def _evaluated(
     from everplace.data.route import open_route
     from everplace.data.selection import Selection, parse_frames
     from everplace.describe.registry import open_describer
+    from everplace.experiments.evaluation import seen_places, seen_sentence
     from everplace.experiments.pictures import match_figure, matrix_figure
-    from everplace.experiments.retrieval import Matching, Truth, choose_pair, retrieve, true_matches
+    from everplace.experiments.retrieval import Matching, Truth, choose_pair, of_itself_sentence, retrieve, true_matches
+    from everplace.match.standardise import require_standardisable
     from everplace.plots.canvas import save_figure
 
     progress = show_progress()
     describer = open_describer(method, progress=progress)
+    if how is not None:
+        require_standardisable(describer.method, describer.metric)
     selection = Selection(parse_frames(frames) if frames else None, drop_dark, drop_stationary)
     chosen, pair = choose_pair(open_route(route), query, database, selection, progress)
     truth, _ = true_matches(chosen, pair, Truth(tolerance, radius))
+    if seen := seen_places(describer, chosen):
+        warn(f"{seen_sentence(method, seen)} Show others with --frames")
+    if pair.of_itself:
+        warn(of_itself_sentence(pair))
     result = retrieve(describer, pair, truth, Matching(how, sequence, search), progress=progress)
     draw = matrix_figure if what == "matrix" else match_figure
     save_figure(draw(pair, result, title=result.method), out)

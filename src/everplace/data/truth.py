@@ -214,7 +214,8 @@ def truth_by_position(
     if frozenset(query.stems).isdisjoint(database.stems):
         raise RouteError(
             f"the traverses {query.name!r} and {database.name!r} share no stem, so nobody knows which frames "
-            "show the same place; name frames of the same place alike, or add poses and give a radius"
+            "show the same place; name frames of the same place alike, find them with `everplace data align`, or add "
+            "poses and give a radius"
         )
     place = {stem: rank for rank, stem in enumerate(natural_sorted({*query.stems, *database.stems, *places}))}
     # Further than all places is all of them; NumPy's integers end before Python's do.

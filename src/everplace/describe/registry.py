@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import json
 import os
 import pkgutil
 from pathlib import Path
@@ -12,6 +11,7 @@ from everplace.describe import methods
 from everplace.describe.protocol import Describer
 from everplace.errors import MethodError
 from everplace.files import readable
+from everplace.model.checkpoint_kind import kind_of_run
 from everplace.progress import Progress, quiet
 
 __all__ = ["method_names", "open_describer"]
@@ -48,14 +48,6 @@ def open_describer(method: str, *, progress: Progress = quiet) -> Describer:
     if os.path.isdir(method):  # noqa: PTH112
         raise MethodError(f"{readable(method)} is no run directory, it holds no config.toml; {choice}")
     raise MethodError(f"there is no method or run directory {readable(method)!r}; {choice}")
-
-
-def kind_of_run(run: Path) -> str:
-    """The kind of model that a run directory holds; empty if it does not say, which opening it explains."""
-    try:
-        return str(json.loads((run / "checkpoint.json").read_text("utf-8"))["model"]["kind"])
-    except (OSError, ValueError, LookupError, TypeError, RecursionError):
-        return ""
 
 
 def _open(name: str, argument: str, progress: Progress) -> Describer:

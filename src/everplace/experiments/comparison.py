@@ -24,10 +24,10 @@ from everplace.experiments.ingredients import ingredient_metrics, named_ingredie
 from everplace.experiments.manifest import MANIFEST, Study, require_same_study
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, pair_of, retrieve, true_matches
 from everplace.files import remove_leftovers, write_json
+from everplace.locking import locked
 from everplace.match.standardise import standardisable
 from everplace.progress import Progress, quiet
 from everplace.scoring.audit import Audit
-from everplace.training.run_directory import locked
 
 __all__ = ["COSTS", "SCORES", "Cell", "Comparison", "compare_methods"]
 

@@ -15,11 +15,11 @@ from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.pictures import match_figure, matrix_figure
 from everplace.experiments.retrieval import pair_of
 from everplace.files import json_text, write_json, write_text
+from everplace.locking import locked
 from everplace.plots.canvas import new_figure, save_figure
 from everplace.plots.curves import draw_precision_recall_panels
 from everplace.plots.interactive import precision_recall_figure
 from everplace.report.html import Report, Section
-from everplace.training.run_directory import locked
 
 __all__ = ["write_comparison"]
 

@@ -15,10 +15,11 @@ from everplace.describe.protocol import Describer
 from everplace.describe.registry import method_names, open_describer
 from everplace.errors import CheckpointError, ConfigError, ImageError, InputError, MethodError, OtherRunError
 from everplace.files import readable
+from everplace.locking import locked
 from everplace.progress import Progress, quiet
 from everplace.training.config import FitConfig
 from everplace.training.methods import FITTED_METHODS, build_config, fit_method, require_fittable
-from everplace.training.run_directory import locked, require_usable
+from everplace.training.run_directory import require_usable
 
 __all__ = ["Methods", "fit", "fit_and_open", "require_fit_settings", "run_of", "select_tested"]
 

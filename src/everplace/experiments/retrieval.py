@@ -15,6 +15,7 @@ from everplace.describe.descriptors import Descriptors
 from everplace.describe.pipeline import describe_traverse, time_describer
 from everplace.describe.protocol import Describer
 from everplace.errors import ConfigError, RouteError
+from everplace.files import readable
 from everplace.match.place_posterior import new_place_summary
 from everplace.match.search import compared
 from everplace.match.sequence import SequenceMethod, search_sequences
@@ -23,7 +24,17 @@ from everplace.match.standardise import Standardisation
 from everplace.progress import Progress, quiet
 from everplace.scoring.scores import PrecisionRecall, Scores, evaluate, precision_recall
 
-__all__ = ["Matching", "Pair", "Retrieval", "Truth", "choose_pair", "pair_of", "retrieve", "true_matches"]
+__all__ = [
+    "Matching",
+    "Pair",
+    "Retrieval",
+    "Truth",
+    "choose_pair",
+    "of_itself_sentence",
+    "pair_of",
+    "retrieve",
+    "true_matches",
+]
 
 
 @dataclass(frozen=True)
@@ -82,6 +93,19 @@ class Pair:
 
     query: Traverse
     database: Traverse
+
+    @property
+    def of_itself(self) -> bool:
+        """Whether both sides are the same frames, each of which then finds itself."""
+        return self.query.paths == self.database.paths
+
+
+def of_itself_sentence(pair: Pair) -> str:
+    """Says that the scores of a pair of one traverse mean nothing."""
+    return (
+        f"query and database are both {readable(pair.query.name)!r}, so every frame finds itself and the scores say "
+        "nothing; give two traverses with --query and --database"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +199,7 @@ def true_matches(route: Route, pair: Pair, truth: Truth) -> tuple[NDArray[np.boo
     if not route.stems_are_places and pair.query.name != pair.database.name:
         raise RouteError(
             f"the traverses {pair.query.name!r} and {pair.database.name!r} {route.why_not_aligned}, so nobody knows "
-            "which frames show the same place; add poses and give --radius, or rename the frames and take the line out"
+            "which frames show the same place; add poses and give --radius, or find them with `everplace data align`"
         )
     places = route[pair.query.name].stems
     return truth_by_position(pair.query, pair.database, truth.tolerance, places), truth

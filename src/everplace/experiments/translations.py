@@ -13,10 +13,10 @@ from everplace.data.images import ImageSpec, decode_images
 from everplace.data.route import Route
 from everplace.data.selection import spread
 from everplace.data.traverse import Traverse
-from everplace.describe.registry import kind_of_run
 from everplace.errors import CheckpointError, RouteError
 from everplace.files import readable
 from everplace.model.checkpoint import load_checkpoint
+from everplace.model.checkpoint_kind import kind_of_run
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import LABELLED_KINDS
 from everplace.model.images import to_pixels

@@ -22,12 +22,11 @@ import torch
 from torch import Tensor, nn
 
 from everplace.data.images import resize_image
-from everplace.describe.methods.cae import CAEDescriber
 from everplace.describe.methods.onnx import OnnxDescriber
-from everplace.describe.methods.vae import VAEDescriber
 from everplace.describe.onnx_about import write_about
 from everplace.describe.onnx_toml import OnnxToml, onnx_toml_path, onnx_toml_text, read_onnx_toml
 from everplace.describe.registry import open_describer
+from everplace.describe.trained import TrainedDescriber
 from everplace.errors import ConfigError, MachineError, MethodError, MissingExtraError
 from everplace.files import readable, whole_file, write_text
 from everplace.model.condition_vae import ConditionVAE
@@ -86,7 +85,7 @@ def export_onnx(run: str | os.PathLike[str], out: Path) -> OnnxExport:
         StorageError: Writing failed.
     """
     opened = open_describer(os.fspath(run))
-    if not isinstance(opened, VAEDescriber | CAEDescriber):
+    if not isinstance(opened, TrainedDescriber):
         raise MethodError(
             f"{readable(run)} is no run of a network, but {opened.method}; export a vae, c-vae, cp-vae or cae"
         )
@@ -160,7 +159,7 @@ def _quiet() -> Iterator[None]:
         logger.setLevel(level)
 
 
-def _difference(describer: VAEDescriber | CAEDescriber, exported: OnnxDescriber) -> float:
+def _difference(describer: TrainedDescriber, exported: OnnxDescriber) -> float:
     """The largest difference of a value, over smooth random images and a batch that the export did not see."""
     assert describer.image.size is not None
     numbers = np.random.default_rng(0)

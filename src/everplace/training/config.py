@@ -72,15 +72,9 @@ class FitConfig(Section):
             first = error.errors()[0]
             where = ".".join(str(part) for part in first["loc"]) or "configuration"
             message = first["msg"].removeprefix("Value error, ")
-            sections: dict[Any, type[BaseModel]] = {
-                "weights": TermWeights,
-                "augmentation": Augmentation,
-                "remedies": Remedies,
-                "projection": PlaceProjection,
-            }
-            section = sections.get(first["loc"][0], cls) if len(first["loc"]) > 1 else cls
             if first["type"] == "extra_forbidden":
-                message = f"there is no such setting; known are {', '.join(section.model_fields)}"
+                known = _section_of(cls, first["loc"]).model_fields
+                message = f"there is no such setting; known are {', '.join(known)}"
             elif first["type"] != "value_error" and isinstance(first["input"], int | float | str):
                 message += f", not {first['input']!r}"
             raise SettingError(where, message) from None
@@ -240,6 +234,16 @@ def write_config(run: Path, config: FitConfig) -> None:
     """Writes config.toml into a run directory."""
     values = config.model_dump(mode="json", exclude_none=True)
     write_text(run / CONFIG_FILE, tomli_w.dumps(values))
+
+
+def _section_of(config: type[BaseModel], location: tuple[int | str, ...]) -> type[BaseModel]:
+    """The table that holds a setting, by the names that lead to it."""
+    for name in location[:-1]:
+        field = config.model_fields.get(str(name))
+        if field is None or not isinstance(field.annotation, type) or not issubclass(field.annotation, BaseModel):
+            break
+        config = field.annotation
+    return config
 
 
 def _merge(under: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:

@@ -24,13 +24,14 @@ from everplace.data.images import ImageSpec, decode_images
 from everplace.data.route import Route
 from everplace.errors import ConfigError
 from everplace.files import readable
+from everplace.locking import locked
 from everplace.model.about import TRAINED_STEMS
 from everplace.model.chow_liu import WordCounts, learn_tree
 from everplace.model.fabmap import FabMap, FabMapConfig, save_fabmap
 from everplace.model.vocabulary import FEATURE_DIMENSIONS, sift_features, words_of
 from everplace.progress import Progress, quiet
 from everplace.training.config import FitConfig
-from everplace.training.run_directory import locked, prepare_run, require_same_images, require_usable
+from everplace.training.run_directory import prepare_run, require_same_images, require_usable
 from everplace.training.selection import select_route
 from everplace.training.state import RunProgress, load_state, save_state
 

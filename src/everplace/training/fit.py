@@ -28,7 +28,7 @@ from everplace.training.module import BoundModule
 from everplace.training.pairs import make_frames, make_order, require_shares
 from everplace.training.place_projection import fit_place_projection
 from everplace.training.remedies import RemedyTerms
-from everplace.training.run_directory import locked, prepare_run, require_same_images, require_usable
+from everplace.training.run_directory import locked_run, prepare_run, require_same_images, require_usable
 from everplace.training.selection import select_route
 from everplace.training.state import ResumeState, RunProgress, require_fitting, save_state
 from everplace.training.trainer import make_trainer, own_device, require_devices, run_trainer, torch_settings_kept
@@ -50,6 +50,7 @@ class TrainSummary:
         seconds: Training time.
         frames: Frames in the gradient.
         places: Training places; 0 if the traverses are not aligned.
+        held_out: Frames kept apart to choose the epoch by; between them and the training frames lies a gap.
         conditions: Names of the conditions.
         criterion: What chose the epoch.
         best_epoch: The epoch that the checkpoint holds.
@@ -64,6 +65,7 @@ class TrainSummary:
     seconds: float
     frames: int
     places: int
+    held_out: int
     conditions: tuple[str, ...]
     criterion: str
     best_epoch: int
@@ -117,7 +119,7 @@ def train(
     images = fingerprint(split, progress)
     # torch itself keeps the memory of a CUDA device, where a step's tensors are.
     memory = freed_memory_kept() if default_device().type == "cpu" else contextlib.nullcontext()
-    with locked(out, processes), memory, torch_settings_kept():
+    with locked_run(out, processes), memory, torch_settings_kept():
         state = prepare_run(out, config, resume, processes)
         if state is not None:
             require_same_images(state, images, out, route.root)
@@ -132,9 +134,20 @@ def train(
             if trainer.is_global_zero:
                 save_state(out, end.model_copy(update={"finished": True}), None, None, images)
     return TrainSummary(
-        str(out), config.model, config.recipe, tuple(config.remedies_in_use()), end.epoch, end.seconds, len(frames),
-        split.places, split.conditions, criterion_name(split, config), end.best_epoch, end.best_value,
-    )  # fmt: skip
+        run=str(out),
+        model=config.model,
+        recipe=config.recipe,
+        remedies=tuple(config.remedies_in_use()),
+        epochs=end.epoch,
+        seconds=end.seconds,
+        frames=len(frames),
+        places=split.places,
+        held_out=sum(len(block.pixels) for block in split.held_out),
+        conditions=split.conditions,
+        criterion=criterion_name(split, config),
+        best_epoch=end.best_epoch,
+        best_value=end.best_value,
+    )
 
 
 def require_trainable(route: Route, config: TrainConfig, progress: Progress = quiet) -> Route:

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import os
-import sys
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from everplace.errors import CheckpointError, ConfigError, OtherRunError, StorageError
+from everplace.errors import CheckpointError, ConfigError, OtherRunError
 from everplace.files import readable, remove_leftovers
+from everplace.locking import locked
 from everplace.model.checkpoint import CHECKPOINT_NAME
 from everplace.model.tensor_file import has_tensors
 from everplace.training.config import CONFIG_FILE, FitConfig, read_toml, write_config
 from everplace.training.state import RESUME, ResumeState, load_state
 
-if sys.platform != "win32":
-    import fcntl
-
-__all__ = ["leads", "locked", "prepare_run", "require_same_images", "require_usable"]
+__all__ = ["leads", "locked_run", "prepare_run", "require_same_images", "require_usable"]
 
 _RANKS = ("RANK", "SLURM_PROCID", "JSM_NAMESPACE_RANK", "GROUP_RANK", "NODE_RANK", "LOCAL_RANK")
-_SECONDS_TO_LET_GO = 10.0
 
 
 def leads(processes: int = 1) -> bool:
@@ -41,32 +36,15 @@ def leads(processes: int = 1) -> bool:
 
 
 @contextmanager
-def locked(out: Path, processes: int = 1) -> Iterator[None]:
-    """Keeps other processes from writing into a run directory, which is made if missing.
-
-    The system lets go of the lock when the process ends, however it ends. Windows has no such locks.
+def locked_run(out: Path, processes: int = 1) -> Iterator[None]:
+    """Keeps other runs from writing into a run directory (see `everplace.locking.locked`).
 
     Args:
         out: The run directory.
         processes: How many train the run together; the first one of them has the lock.
-
-    Raises:
-        ConfigError: Another process writes into it.
-        StorageError: The directory cannot be made.
     """
-    if sys.platform == "win32" or not leads(processes):
+    with locked(out) if leads(processes) else nullcontext():
         yield
-        return
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(out, os.O_RDONLY)
-    except OSError as error:
-        raise StorageError(f"cannot write {readable(out)}: {error.strerror}; choose another place") from error
-    try:
-        _lock(descriptor, out)
-        yield
-    finally:
-        os.close(descriptor)
 
 
 def require_usable(out: Path, config: FitConfig, resume: bool, processes: int = 1) -> None:
@@ -133,28 +111,6 @@ def require_same_images(state: ResumeState, images: str, out: Path, route: Path)
         raise OtherRunError(
             f"--out {readable(out)} {difference}; name another directory, or restore the images", difference
         )
-
-
-def _lock(descriptor: int, out: Path) -> None:
-    # Processes that a run started share the lock, and outlive it by some seconds where it was killed.
-    end = time.monotonic() + _SECONDS_TO_LET_GO
-    while not _take(descriptor):
-        if time.monotonic() >= end:
-            raise ConfigError(
-                f"--out {readable(out)} is being written by another process; wait for it to end, or name another"
-            )
-        time.sleep(0.1)
-
-
-def _take(descriptor: int) -> bool:
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        # Not every file system has locks; a run must not depend on them.
-        return True
-    return True
 
 
 def _require_same(out: Path, config: FitConfig) -> None:

@@ -92,14 +92,22 @@ def test_settings_tell_models_apart_and_are_plain_values(tmp_path: Path) -> None
     }  # fmt: skip
 
 
-def test_a_describer_works_on_a_model_in_evaluation_mode(tmp_path: Path) -> None:
-    model = saved_run(tmp_path, "vae").train()
+def test_a_model_that_is_being_trained_is_described_with_as_it_is_and_trained_on(tmp_path: Path) -> None:
+    model = saved_run(tmp_path, "vae")
+    wanted = VAEDescriber(Checkpoint(model), device="cpu").describe(batch(3))
+    model.train()
     before = {name: value.clone() for name, value in model.state_dict().items()}
-    VAEDescriber(Checkpoint(model), device="cpu").describe(batch(3))
-    assert not model.training
+    np.testing.assert_array_equal(VAEDescriber(Checkpoint(model), device="cpu").describe(batch(3)), wanted)
+    assert model.training
     assert all(torch.equal(value, before[name]) for name, value in model.state_dict().items())
 
 
 def test_a_directory_without_a_checkpoint_is_one_clear_error(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError, match=r"checkpoint\.json is missing"):
         open_method(str(tmp_path))
+
+
+def test_a_describer_on_another_device_leaves_the_model_where_it_is(tmp_path: Path) -> None:
+    model = saved_run(tmp_path, "cp-vae")
+    VAEDescriber(Checkpoint(model), device="meta")
+    assert {parameter.device.type for parameter in model.parameters()} == {"cpu"}

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from studies.resample import resample_drive
 
 from everplace.errors import ConfigError
-from everplace.experiments.drive import resample_drive
 
 
 @settings(max_examples=25, deadline=None)
