@@ -17,15 +17,19 @@ from everplace.files import remove_leftovers, whole_directory, whole_file, write
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no FIFOs in directories")
 
 
-def test_a_file_is_replaced_and_a_link_to_one_too(tmp_path: Path) -> None:
-    (tmp_path / "old").write_text("old")
-    (tmp_path / "link").symlink_to("old")
-    (tmp_path / "nowhere").symlink_to("gone")
-    for name in ("link", "nowhere", "old", "new"):
+def test_a_file_is_replaced_and_a_link_is_followed(tmp_path: Path) -> None:
+    there = tmp_path / "there"
+    there.mkdir()
+    (there / "old").write_text("old")
+    (tmp_path / "link").symlink_to("there/old")
+    (tmp_path / "nowhere").symlink_to("there/gone")
+    for name in ("link", "nowhere", "new"):
         write_text(tmp_path / name, name)
-    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
-        name: name for name in ("link", "nowhere", "old", "new")
-    }
+    assert {path.name: path.read_text() for path in there.iterdir()} == {"old": "link", "gone": "nowhere"}
+    assert {path.name for path in tmp_path.iterdir() if path.is_symlink()} == {"link", "nowhere"}
+    write_text(there / "old", "anew")
+    assert (tmp_path / "link").read_text() == "anew"
+    assert {path.name for path in tmp_path.iterdir()} == {"there", "link", "nowhere", "new"}
 
 
 @pytest.mark.parametrize("writing", [whole_file, whole_directory])

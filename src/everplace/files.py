@@ -66,7 +66,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     """Gives a temporary sibling to write to; on success it replaces `path` by rename, else it is removed.
 
     Args:
-        path: The file to create or replace; a link is replaced, not followed. Its directory is made if missing.
+        path: The file to create or replace; a link is followed. Its directory is made if missing.
 
     Yields:
         The temporary path to write to; it keeps the suffix of `path`, and does not exist yet.
@@ -78,14 +78,15 @@ def whole_file(path: Path) -> Iterator[Path]:
     """
     if is_special(path):
         raise ConfigError(f"{readable(path)} is a device, a FIFO or a socket; choose a file to write to")
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}-{secrets.token_hex(4)}.part{path.suffix}")
+    target = path.resolve() if path.is_symlink() else path  # the link stays one
+    temporary = target.with_name(f".{target.stem}.{os.getpid()}-{secrets.token_hex(4)}.part{target.suffix}")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
         try:
             yield temporary
             with temporary.open("rb+") as file:
                 os.fsync(file.fileno())
-            temporary.replace(path)
+            temporary.replace(target)
         finally:
             with contextlib.suppress(OSError):
                 temporary.unlink()

@@ -82,6 +82,82 @@ def test_a_name_that_is_not_utf8_is_printed_escaped(tiny_route: Path, tmp_path: 
     assert json.loads(done.stdout)["out"] == os.fsdecode(out)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["train", "{route}", "--model", "vae", "--out", "{route}"], "lies in the route"),
+        (["compare", "{route}", "--methods", "sad", "--out", "{route}/comparison"], "lies in the route"),
+        (
+            [
+                "evaluate",
+                "{route}",
+                "--method",
+                "sad",
+                "--query",
+                "summer",
+                "--database",
+                "winter",
+                "--out",
+                "{route}/x",
+            ],
+            "lies in the route",
+        ),
+        (["data", "align", "{route}", "--out", "{route}/aligned"], "lies in the route"),
+        (
+            ["show", "matrix", "{route}", "--method", "sad", "--query", "summer", "--database", "winter"]
+            + ["--out", "{route}/summer/0.png"],
+            "lies in a traverse",
+        ),
+        (["data", "inspect", "{route}", "--sheet", "{route}/summer/0.png"], "lies in a traverse"),
+        (["describe", "sad", "{route}", "--out", "{out}.h5"], "give one of them, such as {route}/summer"),
+        (["data", "render", "--out", "{route}/summer/0.png/x"], "cannot be a directory"),
+        (["demo", "--out", "{route}/summer/0.png"], "cannot be a directory"),
+        (["data", "pack", "{route}", "--cache", "{route}/summer/0.png"], "--cache .* cannot be a directory"),
+        (["compare", "{route}", "--methods", "hub:x,sad", "--out", "{out}"], "hub:x names no entry"),
+    ],
+)
+def test_no_output_harms_an_input(tiny_route: Path, tmp_path: Path, arguments: list[str], says: str) -> None:
+    def files() -> dict[Path, bytes]:
+        return {path: path.read_bytes() for path in sorted(tiny_route.rglob("*")) if path.is_file()}
+
+    before = files()
+    told = {"route": tiny_route, "out": tmp_path / "out"}
+    assert re.search(says.format(**told), refused(*(argument.format(**told) for argument in arguments)))
+    assert files() == before
+
+
+def test_matches_do_not_replace_the_descriptors(tiny_route: Path, tmp_path: Path) -> None:
+    for name in ("summer", "winter"):
+        assert call("describe", "sad", tiny_route / name, "--out", tmp_path / f"{name}.h5")[0] == 0
+    before = (tmp_path / "winter.h5").read_bytes()
+    inputs = tmp_path / "summer.h5", tmp_path / "winter.h5"
+    assert "is one of the files to match" in refused("match", *inputs, "--out", tmp_path / "winter.h5")
+    assert (tmp_path / "winter.h5").read_bytes() == before
+
+
+def test_ctrl_c_while_the_command_loads_is_one_sentence() -> None:
+    code = """
+import sys
+class Interrupts:
+    def find_spec(self, name, path=None, target=None):
+        if name == "everplace.cli.main":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupts())
+from everplace.__main__ import main
+main()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "everplace: stopped\n")
+
+
+def test_a_terminal_without_utf8_gets_escapes() -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    command = [sys.executable, "-m", "everplace", "evaluate", "é", "--method", "sad", "--query", "a", "--database", "b"]
+    done = subprocess.run([*command, "--out", "x"], capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("everplace: the route \\xe9 does not exist")
+
+
 def test_a_traverse_against_itself_is_warned_of(tiny_route: Path, tmp_path: Path) -> None:
     arguments: list[str | Path] = [tiny_route, "--method", "sad", "--query", "winter", "--database", "winter"]
     for command, out in (["evaluate"], "out"), (["show", "matrix"], "matrix.png"):
@@ -320,7 +396,7 @@ def test_a_run_of_another_version_is_refused(way: Path, tmp_path: Path) -> None:
         (["compare", "{route}", "--methods", "hog", "--minutes", "1", "--epochs", "1", "--out", "{out}"], EXCLUSIVE),
         (["data", "inspect", "{route}", "--sheet", "{out}.gif"], "--sheet {out}.gif must end in .png"),
         (["data", "align", "{route}", "--by", "images", "--out", "{out}", "--picture", "{out}.gif"], "--picture {out}"),
-        (["train", "{out}", "--model", "vae", "--out", "{out}"], "does not exist"),
+        (["train", "{out}", "--model", "vae", "--out", "{out}2"], "does not exist"),
         (["train", "{route}", "--model", "fabmap", "--epochs", "3", "--out", "{out}"], "--epochs does not apply"),
         (["compare", "{route}", "--methods", "fabmap", "--out", "{out}"], "--fit-frames"),
         (["describe", "sadd", "{route}/summer", "--out", "{out}"], "sadd"),

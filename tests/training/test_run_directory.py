@@ -16,6 +16,12 @@ from everplace.training.state import RESUME, RunProgress, save_state
 MakeConfig = Callable[..., TrainConfig]
 
 
+def begin(out: Path, config: TrainConfig, processes: int = 1) -> None:
+    """What a run leaves that was stopped after its first epoch."""
+    prepare_run(out, config, resume=False, processes=processes)
+    save_state(out, RunProgress(epoch=1), None, None)
+
+
 def test_a_new_directory_gets_the_configuration(tmp_path: Path, make_config: MakeConfig) -> None:
     assert prepare_run(tmp_path / "deep" / "run", make_config(), resume=False) is None
     assert [path.name for path in (tmp_path / "deep" / "run").iterdir()] == [CONFIG_FILE]
@@ -28,9 +34,18 @@ def test_resume_with_nothing_there_starts(tmp_path: Path, make_config: MakeConfi
 
 
 def test_another_run_is_not_overwritten(tmp_path: Path, make_config: MakeConfig) -> None:
-    prepare_run(tmp_path, make_config(), resume=False)
+    begin(tmp_path, make_config())
     with pytest.raises(ConfigError, match=f"{tmp_path} already holds a run; add --resume"):
         prepare_run(tmp_path, make_config(), resume=False)
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_run_that_failed_before_its_first_state_keeps_nobody_from_another(
+    tmp_path: Path, make_config: MakeConfig, resume: bool
+) -> None:
+    prepare_run(tmp_path, make_config(seed=1), resume=False)
+    assert prepare_run(tmp_path, make_config(seed=2), resume=resume) is None
+    assert "seed = 2" in (tmp_path / CONFIG_FILE).read_text()
 
 
 def test_a_file_is_no_run_directory(tmp_path: Path, make_config: MakeConfig) -> None:
@@ -52,7 +67,7 @@ def test_a_file_is_no_run_directory(tmp_path: Path, make_config: MakeConfig) -> 
 def test_another_setting_is_named_when_resuming(
     tmp_path: Path, make_config: MakeConfig, name: str, change: dict[str, object]
 ) -> None:
-    prepare_run(tmp_path, make_config(), resume=False)
+    begin(tmp_path, make_config())
     before = (tmp_path / CONFIG_FILE).read_bytes()
     with pytest.raises(ConfigError, match=f"--resume continues a run with its own settings, but {name} was"):
         prepare_run(tmp_path, make_config(**change), resume=True)
@@ -61,7 +76,7 @@ def test_another_setting_is_named_when_resuming(
 
 @pytest.mark.parametrize("text", ["[", "colour = 1\n", 'model = "vae"\n'])
 def test_an_altered_configuration_is_named(tmp_path: Path, make_config: MakeConfig, text: str) -> None:
-    prepare_run(tmp_path, make_config(), resume=False)
+    begin(tmp_path, make_config())
     (tmp_path / CONFIG_FILE).write_text(text)
     with pytest.raises(CheckpointError, match=r"config\.toml was not written by this version"):
         prepare_run(tmp_path, make_config(), resume=True)
@@ -126,7 +141,7 @@ def test_one_process_of_all_writes_the_run(
     tmp_path: Path, make_config: MakeConfig, monkeypatch: pytest.MonkeyPatch, local: str, node: str, expected: bool
 ) -> None:
     assert leads(4)
-    prepare_run(tmp_path / "begun", make_config(), resume=False, processes=4)
+    begin(tmp_path / "begun", make_config(), processes=4)
     monkeypatch.setenv("LOCAL_RANK", local)
     monkeypatch.setenv("NODE_RANK", node)
     assert leads(4) is expected

@@ -33,6 +33,7 @@ from everplace.cli.output import (
     provenance,
     require_directory,
     require_one_length,
+    require_outside,
     show_progress,
     show_result,
     warn,
@@ -93,6 +94,7 @@ def compare(
     search = one_of(sequence_method, "--sequence-method", ("filter", "seqslam", "mean"))
     require_one_length(epochs, minutes)
     require_directory(out)
+    require_outside(out, route)
     from everplace.data.route import open_route
     from everplace.data.selection import Selection, parse_frames
     from everplace.experiments.comparison import compare_methods

@@ -9,7 +9,7 @@ import typer
 
 from everplace.cli import data_align, data_fetch, data_import, data_inspect
 from everplace.cli.options import AnySize, Grey, Json, OutDirectory, RouteArgument
-from everplace.cli.output import show_progress, show_result
+from everplace.cli.output import require_directory, show_progress, show_result
 
 __all__ = ["register"]
 
@@ -41,6 +41,7 @@ def render(
 
     Example: everplace data render --out my-route --places 200 --image-size 224 224
     """
+    require_directory(out)
     from everplace.data.images import usable_cores
     from everplace.data.render.config import render_config
     from everplace.data.render.route import render_route
@@ -69,6 +70,8 @@ def pack(
 
     Example: everplace data pack my-route --image-size 224 224
     """
+    if cache is not None:
+        require_directory(cache, "--cache")
     from everplace.data.images import ImageSpec
     from everplace.data.pack import pack as pack_traverse
     from everplace.data.route import open_route

@@ -8,7 +8,16 @@ from typing import Annotated, Any, Optional
 import typer
 
 from everplace.cli.options import Json, OutDirectory, RouteArgument
-from everplace.cli.output import one_of, require_directory, require_file, show_progress, show_result, warn
+from everplace.cli.output import (
+    one_of,
+    require_directory,
+    require_file,
+    require_no_frame,
+    require_outside,
+    show_progress,
+    show_result,
+    warn,
+)
 from everplace.errors import ConfigError
 
 __all__ = ["register"]
@@ -54,8 +63,10 @@ def align(
     if radius is not None and by != "poses":
         raise ConfigError(f"--radius is of no use with --by {by}; leave it out")
     require_directory(out)
+    require_outside(out, route)
     if picture is not None:
         require_file(picture, (".png", ".svg", ".pdf"), "--picture")
+        require_no_frame(picture, route, "--picture")
     from everplace.data.route import open_route
     from everplace.describe.registry import open_describer
     from everplace.experiments.aligned_route import write_aligned

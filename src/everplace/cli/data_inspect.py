@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 
 from everplace.cli.options import Json, RouteArgument
-from everplace.cli.output import require_file, show_progress, show_result, warn
+from everplace.cli.output import (
+    require_file,
+    require_no_frame,
+    show_progress,
+    show_result,
+    warn,
+)
 
 if TYPE_CHECKING:
     from everplace.data.inspection import Inspection, TraverseInspection
@@ -42,6 +48,7 @@ def inspect(
     """
     if sheet is not None:
         require_file(sheet, (".png", ".svg", ".pdf"), "--sheet")
+        require_no_frame(sheet, route, "--sheet")
     from everplace.data.inspection import inspect_route
     from everplace.data.route import open_route
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from everplace.cli.options import Json
-from everplace.cli.output import provenance, show_progress, show_result
+from everplace.cli.output import provenance, require_directory, show_progress, show_result
 
 __all__ = ["register"]
 
@@ -24,10 +24,11 @@ def demo(
     ),
     as_json: Json = False,
 ) -> None:
-    """Render a route, train C-VAE and CP-VAE (both recipes), compare them with SAD and HOG; under 5 minutes on 2 cores.
+    """Render a route, train C-VAE and CP-VAE (both recipes), compare them with SAD and HOG; 2 to 5 minutes on 2 cores.
 
     Example: everplace demo --out demo
     """
+    require_directory(out)
     from everplace.experiments.demo import run_demo
 
     metrics = run_demo(out, details=provenance(), progress=show_progress())

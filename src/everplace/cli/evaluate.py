@@ -21,7 +21,15 @@ from everplace.cli.options import (
     Standardise,
     Tolerance,
 )  # fmt: skip
-from everplace.cli.output import one_of, provenance, require_directory, show_progress, show_result, warn
+from everplace.cli.output import (
+    one_of,
+    provenance,
+    require_directory,
+    require_outside,
+    show_progress,
+    show_result,
+    warn,
+)
 
 __all__ = ["evaluate", "register"]
 
@@ -54,6 +62,7 @@ def evaluate(
     how = one_of(standardise, "--standardise", ("centre", "full"))
     search = one_of(sequence_method, "--sequence-method", ("filter", "seqslam", "mean"))
     require_directory(out)
+    require_outside(out, route)
     from everplace.data.route import open_route
     from everplace.data.selection import Selection, parse_frames
     from everplace.experiments.evaluation import evaluate_method, seen_sentence, write_evaluation

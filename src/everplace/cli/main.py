@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import sys
 import warnings
@@ -54,6 +55,9 @@ for _name in ("demo", "train", "describe", "match", "evaluate", "compare", "show
 def main() -> None:
     """Runs the command and exits with its status: 0, 1 machine, 2 usage or input, 130 Ctrl-C."""
     warnings.showwarning = _show_warning
+    for stream in (sys.stdout, sys.stderr):  # a terminal without UTF-8 gets escapes for what it cannot show
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     sys.exit(run(sys.argv[1:]))
 
 

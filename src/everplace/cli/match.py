@@ -9,6 +9,7 @@ import typer
 
 from everplace.cli.options import Json, OutFile, Sequence, SequenceSearch, Standardise
 from everplace.cli.output import one_of, require_file, show_result, warn
+from everplace.errors import ConfigError
 from everplace.files import readable
 
 if TYPE_CHECKING:
@@ -45,6 +46,9 @@ def match(
     search = one_of(sequence_method, "--sequence-method", ("filter", "seqslam", "mean"))
     kind = one_of(file_format, "--format", ("csv", "hloc-pairs", "kapture"))
     require_file(out)
+    for given in (database, query):
+        if out.resolve() == given.resolve():
+            raise ConfigError(f"--out {readable(out)} is one of the files to match; name another")
     from everplace.describe.descriptors import load_descriptors
     from everplace.match.io import write_matches
     from everplace.match.place_posterior import new_place_summary

@@ -21,7 +21,9 @@ __all__ = [
     "provenance",
     "require_directory",
     "require_file",
+    "require_no_frame",
     "require_one_length",
+    "require_outside",
     "show_progress",
     "show_result",
     "warn",
@@ -97,6 +99,33 @@ def require_file(out: Path, endings: tuple[str, ...] = (), option: str = "--out"
     if endings and out.suffix.lower() not in endings:
         raise ConfigError(f"{option} {readable(out)} must end in {' or '.join(endings)}")
     require_directory(out.parent, option)
+
+
+def require_outside(out: Path, route: Path, option: str = "--out") -> None:
+    """Refuses an output directory (`option`) inside a route, where it would count as a traverse or change one.
+
+    Raises:
+        ConfigError: It lies there, or is the route itself.
+    """
+    if out.resolve().is_relative_to(route.resolve()):
+        raise ConfigError(
+            f"{option} {readable(out)} lies in the route {readable(route)}, where it would count as a traverse; name a "
+            "place outside"
+        )
+
+
+def require_no_frame(out: Path, route: Path, option: str = "--out") -> None:
+    """Refuses an output file (`option`) inside a traverse of a route, where a picture would count as a frame.
+
+    Raises:
+        ConfigError: It lies there.
+    """
+    folder = out.resolve().parent
+    if folder != route.resolve() and folder.is_relative_to(route.resolve()):
+        raise ConfigError(
+            f"{option} {readable(out)} lies in a traverse of {readable(route)}, where it would count as a frame or "
+            "replace one; name a place outside"
+        )
 
 
 def require_one_length(epochs: int | None, minutes: float | None) -> None:

@@ -22,7 +22,14 @@ from everplace.cli.options import (
     Standardise,
     Tolerance,
 )  # fmt: skip
-from everplace.cli.output import one_of, require_file, show_progress, show_result, warn
+from everplace.cli.output import (
+    one_of,
+    require_file,
+    require_no_frame,
+    show_progress,
+    show_result,
+    warn,
+)
 
 if TYPE_CHECKING:
     from everplace.data.route import Route
@@ -66,6 +73,7 @@ def swap(
     Example: everplace show swap runs/cp-vae my-route --frames 1620: --out swap.png
     """
     require_file(out, _PICTURES)
+    require_no_frame(out, route)
     from everplace.experiments.translations import load_divided, swap_figure
     from everplace.plots.canvas import save_figure
 
@@ -91,6 +99,7 @@ def constant(
     Example: everplace show constant runs/cp-vae my-route --frames 1620: --out constant.png
     """
     require_file(out, _PICTURES)
+    require_no_frame(out, route)
     from everplace.experiments.translations import constant_figure, load_divided
     from everplace.plots.canvas import save_figure
 
@@ -120,6 +129,7 @@ def translate(
     Example: everplace show translate runs/cp-vae my-route --frames 1620: --out translation.png
     """
     require_file(out, _PICTURES)
+    require_no_frame(out, route)
     from everplace.experiments.translations import load_divided, translation_figure
     from everplace.plots.canvas import save_figure
 
@@ -199,6 +209,7 @@ def _evaluated(
     as_json: bool,
 ) -> None:
     require_file(out, _PICTURES)
+    require_no_frame(out, route)
     how = one_of(standardise, "--standardise", ("centre", "full"))
     search = one_of(sequence_method, "--sequence-method", ("filter", "seqslam", "mean"))
     from everplace.data.route import open_route

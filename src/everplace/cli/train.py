@@ -26,6 +26,7 @@ from everplace.cli.output import (
     one_of,
     require_directory,
     require_one_length,
+    require_outside,
     show_progress,
     show_result,
 )
@@ -106,6 +107,7 @@ def train(
     from everplace.training.run_directory import leads
 
     require_directory(out)
+    require_outside(out, route)
     summary = fit_method(
         open_route(route),
         checked,

@@ -37,7 +37,7 @@ MODELS: dict[str, dict[str, str]] = {
 
 @dataclass(frozen=True)
 class DemoSettings:
-    """How large the demo is; by default about four minutes on two cores.
+    """How large the demo is; by default 2 to 5 minutes on two cores.
 
     Attributes:
         places: Places of the rendered route.

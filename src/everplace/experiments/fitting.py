@@ -203,7 +203,7 @@ def fit(route: Route, config: FitConfig, out: Path, name: str, progress: Progres
     _require_same_run(out, name, config)
     is_new = not run.exists()
     try:
-        fit_method(route, config, run, resume=True, progress=progress, show=True)
+        fit_method(route, config, run, resume=True, progress=progress, show=name)
     except OtherRunError as error:
         raise _other_study(out, name, error) from None
     except InputError:

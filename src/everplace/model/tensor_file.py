@@ -80,10 +80,14 @@ def load_tensors(directory: Path, name: str, format_version: int) -> tuple[dict[
         ) from None
 
 
+def _refuse(number: str) -> None:
+    raise ValueError(f"{number} is no number of JSON")
+
+
 def _read_document(directory: Path, name: str, format_version: int) -> dict[str, Any]:
     path = directory / f"{name}.json"
     try:
-        document = json.loads(path.read_text("utf-8"))
+        document = json.loads(path.read_text("utf-8"), parse_constant=_refuse)
     except FileNotFoundError:
         raise CheckpointError(f"{readable(path)} is missing; {readable(directory)} holds no finished {name}") from None
     except (OSError, ValueError, RecursionError) as error:

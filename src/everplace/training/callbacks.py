@@ -133,8 +133,16 @@ class RunKeeper(lightning.Callback):
 class TrainingDisplay(lightning.Callback):
     """Shows training on stderr: a bar for a person at a terminal, a line an epoch for a log file."""
 
-    def __init__(self, keeper: RunKeeper, config: TrainConfig) -> None:
+    def __init__(self, keeper: RunKeeper, config: TrainConfig, name: str = "") -> None:
+        """Shows a run.
+
+        Args:
+            keeper: What measures it.
+            config: Its configuration.
+            name: What it is called, where several are trained one after the other.
+        """
         self._keeper = keeper
+        self._prefix = f"{name}: " if name else ""
         self._config = config
         self._console = Console(file=sys.stderr)
         self._bar: Progress | None = None
@@ -148,14 +156,14 @@ class TrainingDisplay(lightning.Callback):
             TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
             TextColumn("{task.fields[terms]}"), console=self._console,
         )  # fmt: skip
-        self._task = self._bar.add_task("epoch 1", total=int(trainer.num_training_batches), terms="")
+        self._task = self._bar.add_task(f"{self._prefix}epoch 1", total=int(trainer.num_training_batches), terms="")
         self._bar.start()
 
     def on_train_epoch_start(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
         """Begins the bar of an epoch."""
         if self._bar is not None and self._task is not None and isinstance(pl_module, BoundModule):
             of = f"/{self._config.epochs}" if self._config.epochs else ""
-            self._bar.reset(self._task, description=f"epoch {pl_module.epoch + 1}{of}")
+            self._bar.reset(self._task, description=f"{self._prefix}epoch {pl_module.epoch + 1}{of}")
 
     def on_train_batch_end(
         self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, *args: object
@@ -173,7 +181,9 @@ class TrainingDisplay(lightning.Callback):
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, terms=terms)
         else:
-            self._console.print(f"epoch {row['epoch']:.0f} ({row['seconds']:.0f} s): {terms}", soft_wrap=True)
+            self._console.print(
+                f"{self._prefix}epoch {row['epoch']:.0f} ({row['seconds']:.0f} s): {terms}", soft_wrap=True
+            )
 
     def teardown(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, stage: str) -> None:
         """Closes the bar, also when training ends by an error."""

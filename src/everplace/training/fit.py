@@ -82,7 +82,7 @@ def train(
     nodes: int = 1,
     save_every: float = 60.0,
     progress: Progress = quiet,
-    show: bool = False,
+    show: bool | str = False,
 ) -> TrainSummary:
     """Trains a model and keeps its best epoch.
 
@@ -98,7 +98,7 @@ def train(
         nodes: Machines.
         save_every: At most so many seconds pass (and one epoch) between two states to resume from.
         progress: Told of decoding.
-        show: Show the training on stderr.
+        show: Show the training on stderr; text: under this name.
 
     Raises:
         RouteError: The route does not have what the model needs.

@@ -76,7 +76,7 @@ def fit_method(
     nodes: int = 1,
     save_every: float = 60.0,
     progress: Progress = quiet,
-    show: bool = False,
+    show: bool | str = False,
 ) -> TrainSummary | FabMapSummary:
     """Fits a method into a run directory; see `everplace.training.fit.train` and `everplace.training.fabmap`.
 
@@ -89,7 +89,7 @@ def fit_method(
         nodes: Machines, for networks.
         save_every: Seconds between two states of a network to resume from.
         progress: Told of decoding.
-        show: Show the training on stderr.
+        show: Show the training on stderr; text: under this name.
 
     Raises:
         ConfigError: FAB-MAP is to be fitted on several devices, or as the two say.

@@ -60,12 +60,13 @@ def require_usable(out: Path, config: FitConfig, resume: bool, processes: int = 
         ConfigError: `out` is a file, or holds another run (OtherRunError if it would be resumed).
         CheckpointError: The configuration of what should be resumed is damaged.
     """
-    began = (out / CONFIG_FILE).is_file() or has_tensors(out, CHECKPOINT_NAME)
+    # A configuration alone, of a run that failed or was stopped in its first epoch, keeps nobody from another one.
+    began = has_tensors(out, CHECKPOINT_NAME) or (out / RESUME).is_dir()
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out {readable(out)} is a file; name a directory for the run")
     if began and not resume and leads(processes):
         raise ConfigError(f"--out {readable(out)} already holds a run; add --resume to continue it, or name another")
-    if resume and (out / CONFIG_FILE).is_file():
+    if began and resume and (out / CONFIG_FILE).is_file():
         _require_same(out, config)
 
 

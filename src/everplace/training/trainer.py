@@ -101,7 +101,7 @@ def torch_settings_kept() -> Iterator[None]:
 
 
 def make_trainer(
-    config: TrainConfig, done: RunProgress, keeper: RunKeeper, out: Path, devices: int, nodes: int, *, show: bool
+    config: TrainConfig, done: RunProgress, keeper: RunKeeper, out: Path, devices: int, nodes: int, *, show: bool | str
 ) -> lightning.Trainer:
     """Makes the trainer of a run.
 
@@ -112,12 +112,12 @@ def make_trainer(
         out: The run directory, for the logs of TensorBoard, where it is installed.
         devices: Devices of each machine.
         nodes: Machines.
-        show: Whether progress is shown.
+        show: Whether progress is shown; text: under this name.
     """
     device, processes = default_device().type, devices * nodes
     callbacks: list[lightning.Callback] = [keeper]
     if show:
-        callbacks.append(TrainingDisplay(keeper, config))
+        callbacks.append(TrainingDisplay(keeper, config, show if isinstance(show, str) else ""))
     with _quiet_lightning():
         return lightning.Trainer(
             accelerator="gpu" if device == "cuda" else "cpu",

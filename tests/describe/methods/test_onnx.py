@@ -248,7 +248,7 @@ def test_a_missing_library_is_named_with_its_extra(
 
 
 def test_a_name_without_file_is_refused() -> None:
-    with pytest.raises(MethodError, match="write onnx:FILE.onnx"):
+    with pytest.raises(ConfigError, match="write onnx:FILE.onnx"):
         open_describer("onnx")
 
 

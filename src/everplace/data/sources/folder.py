@@ -70,6 +70,13 @@ def open_traverse(directory: Path) -> Traverse:
         problem = "is not a directory" if directory.exists() else "does not exist"
         raise RouteError(f"{readable(directory)} {problem}; give a directory that holds images")
     whole = directory.absolute()
+    inner, names = _list(whole)
+    traverses = [name for name in natural_sorted(inner) if _images(_list(whole / name)[1])]
+    if traverses and not _images(names):
+        raise RouteError(
+            f"{readable(directory)} holds no images itself, but directories of images; give one of them, such as "
+            f"{readable(directory / traverses[0])}"
+        )
     return _list_traverse(whole.parent, whole.name, TraverseToml())
 
 

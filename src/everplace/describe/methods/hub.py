@@ -22,7 +22,7 @@ from urllib.parse import unquote
 from everplace.describe.hub_repository import load_network, parse_repository
 from everplace.describe.network import NetworkDescriber
 from everplace.describe.network_input import IMAGENET, Normalisation
-from everplace.errors import MethodError
+from everplace.errors import ConfigError
 
 __all__ = ["open_method"]
 
@@ -35,19 +35,19 @@ def open_method(argument: str) -> NetworkDescriber:
     """Loads the network and describes one grey image with it, which tells its dimension.
 
     Raises:
-        MethodError: The address is wrong, the repository is not trusted or cannot be loaded, or the network does not
-            give one row an image.
+        ConfigError: The address is no hub:OWNER/REPO:ENTRY, or an option of it is wrong.
+        MethodError: The repository is not trusted or cannot be loaded, or the network does not give one row an image.
     """
     address, _, options_text = argument.partition("#")
     target, _, arguments_text = address.partition("?")
     where, _, entry = target.rpartition(":")
     if not where or not entry:
-        raise MethodError(f"hub:{argument} names no entry; write hub:OWNER/REPO:ENTRY or hub:DIRECTORY:ENTRY")
+        raise ConfigError(f"hub:{argument} names no entry; write hub:OWNER/REPO:ENTRY or hub:DIRECTORY:ENTRY")
     repository = parse_repository(where)
     options = _pairs(options_text)
     unknown = sorted(set(options) - set(_OPTIONS))
     if unknown:
-        raise MethodError(f"hub:{argument}: unknown option {unknown[0]!r} after #; known: {', '.join(_OPTIONS)}")
+        raise ConfigError(f"hub:{argument}: unknown option {unknown[0]!r} after #; known: {', '.join(_OPTIONS)}")
     size = _size(options["size"]) if "size" in options else _SIZE
     mean = _channels(options["mean"], "mean") if "mean" in options else IMAGENET.mean
     std = _channels(options["std"], "std") if "std" in options else IMAGENET.std
@@ -73,9 +73,9 @@ def _pairs(text: str) -> dict[str, str]:
     for part in filter(None, text.split("&")):
         key, equals, value = part.partition("=")
         if not equals or not key:
-            raise MethodError(f"{part!r} is no KEY=VALUE; separate several by &, and quote the whole for the shell")
+            raise ConfigError(f"{part!r} is no KEY=VALUE; separate several by &, and quote the whole for the shell")
         if key in pairs:
-            raise MethodError(f"{key!r} is given twice; keep one")
+            raise ConfigError(f"{key!r} is given twice; keep one")
         pairs[key] = unquote(value)
     return pairs
 
@@ -90,7 +90,7 @@ def _value(text: str) -> object:
 def _size(text: str) -> tuple[int, int]:
     height, _, width = text.partition("x")
     if not (height.isascii() and width.isascii() and height.isdigit() and width.isdigit()):
-        raise MethodError(f"size={text} is no size; write HxW in pixels, such as size=480x640")
+        raise ConfigError(f"size={text} is no size; write HxW in pixels, such as size=480x640")
     return int(height), int(width)
 
 
@@ -100,5 +100,5 @@ def _channels(text: str, name: str) -> tuple[float, ...]:
     except ValueError:
         values = ()
     if len(values) not in {1, 3}:
-        raise MethodError(f"{name}={text} must be one number, or three separated by /, such as {name}=0.5/0.5/0.5")
+        raise ConfigError(f"{name}={text} must be one number, or three separated by /, such as {name}=0.5/0.5/0.5")
     return values

@@ -156,7 +156,7 @@ def open_method(argument: str) -> OnnxDescriber:
         ConfigError: The TOML is missing or wrong.
     """
     if not argument:
-        raise MethodError("onnx needs a file; write onnx:FILE.onnx")
+        raise ConfigError("onnx needs a file; write onnx:FILE.onnx")
     path = Path(argument).expanduser()
     if not path.is_file():
         raise MethodError(f"there is no ONNX file {readable(path)}; check the path after onnx:")
