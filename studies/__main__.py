@@ -41,7 +41,9 @@ def study() -> None:
         return
     parser = argparse.ArgumentParser(prog="python -m studies", description=__doc__)
     parser.add_argument(
-        "study", choices=list(PROTOCOLS), help="or sequences, folds or comparisons, which have options of their own"
+        "study",
+        choices=[*PROTOCOLS, *others],
+        help=f"{', '.join(others)} come first and have options of their own: python -m studies STUDY --help",
     )
     parser.add_argument("--data", type=Path, required=True, help="directory that holds the study's route")
     parser.add_argument("--out", type=Path, required=True, help="directory for runs, ledger and table.md")
@@ -49,6 +51,8 @@ def study() -> None:
     parser.add_argument("--variants", nargs="+", help="rows of the table to train (default: all)")
     parser.add_argument("--ledger", type=Path, help="directory of the ledger (default: OUT/ledger)")
     given = parser.parse_args()
+    if given.study in others:
+        parser.error(f"{given.study} must be the first argument")
     protocol = PROTOCOLS[given.study]
     unknown = set(given.variants or ()) - set(protocol.variants)
     if unknown:

@@ -17,7 +17,8 @@ from everplace.data.sources._nordland_presets import PRESETS
 from everplace.errors import EverplaceError
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "data.md").read_text(encoding="utf-8")
-COMMANDS = [line.strip("`") for line in re.findall(r"^everplace data .*$|`everplace data [^`]*`", GUIDE, re.MULTILINE)]
+LINES = GUIDE.replace("\\\n", "")
+COMMANDS = [line.strip("`") for line in re.findall(r"^everplace data .*$|`everplace data [^`]*`", LINES, re.MULTILINE)]
 
 
 def table(first_column: str) -> dict[str, list[str]]:
