@@ -28,6 +28,7 @@ COMMANDS = [
     "data import", "data list",
 ]  # fmt: skip
 
+SAD = ["--method", "sad", "--query", "summer", "--database", "winter"]
 EXCLUSIVE = "--epochs and --minutes exclude each other; give one of them"
 
 
@@ -87,27 +88,9 @@ def test_a_name_that_is_not_utf8_is_printed_escaped(tiny_route: Path, tmp_path: 
     [
         (["train", "{route}", "--model", "vae", "--out", "{route}"], "lies in the route"),
         (["compare", "{route}", "--methods", "sad", "--out", "{route}/comparison"], "lies in the route"),
-        (
-            [
-                "evaluate",
-                "{route}",
-                "--method",
-                "sad",
-                "--query",
-                "summer",
-                "--database",
-                "winter",
-                "--out",
-                "{route}/x",
-            ],
-            "lies in the route",
-        ),
-        (["data", "align", "{route}", "--out", "{route}/aligned"], "lies in the route"),
-        (
-            ["show", "matrix", "{route}", "--method", "sad", "--query", "summer", "--database", "winter"]
-            + ["--out", "{route}/summer/0.png"],
-            "lies in a traverse",
-        ),
+        (["evaluate", "{route}", *SAD, "--out", "{route}/x"], "lies in the route"),
+        (["data", "align", "{route}", "--by", "images", "--out", "{route}/aligned"], "lies in the route"),
+        (["show", "matrix", "{route}", *SAD, "--out", "{route}/summer/0.png"], "lies in a traverse"),
         (["data", "inspect", "{route}", "--sheet", "{route}/summer/0.png"], "lies in a traverse"),
         (["describe", "sad", "{route}", "--out", "{out}.h5"], "give one of them, such as {route}/summer"),
         (["data", "render", "--out", "{route}/summer/0.png/x"], "cannot be a directory"),
