@@ -228,7 +228,7 @@ def _raise(
     sums: NDArray[np.float64],
     nodes: NDArray[np.int64],
 ) -> None:
-    """Raises `best` to each sum from its place on, as far to the right as that is more; both ascend.
+    """For each sum, sets best[j] = max(best[j], sum) for all j from its place on; both ascend.
 
     Args:
         best: Ascending, changed in place.

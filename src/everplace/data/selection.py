@@ -113,9 +113,9 @@ def select_maps(route: Route, selection: Selection, progress: Progress = quiet) 
     """Restricts a route as `select` does, but a traverse with all places of a shorter one and twice as many keeps more.
 
     Such a traverse is the map in which the shorter one looks for its places (Nordland's 2,760 queries against 27,592
-    frames). Shared places are chosen as ever. Of the others a map keeps those between the first chosen place and the
-    next one that is not, and before the first or behind the last of all; the filters judge them by the map alone. So
-    two slices that share no place share no frame.
+    frames). Shared places are chosen as ever. A map also keeps its own frames that lie between the first chosen place
+    and the next place that is not chosen; a slice at either end keeps everything beyond that end, too. The filters
+    judge these frames by the map alone. So slices that share no place share no frame.
 
     Args:
         route: The chosen traverses.

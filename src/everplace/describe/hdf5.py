@@ -98,7 +98,7 @@ def read_numbers(dataset: Any, name: str) -> NDArray[Any]:
 
 
 def read_texts(dataset: Any, name: str) -> tuple[str, ...]:
-    """Reads strings bit by bit: all of them may point at the same long text.
+    """Reads strings in chunks: all of them may point at the same long text.
 
     Raises:
         DescriptorsError: It is no list of strings, or they are longer than the file.

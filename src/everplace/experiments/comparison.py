@@ -100,10 +100,7 @@ class Comparison:
 
     @property
     def remarks(self) -> list[str]:
-        """What must stand at every table, one line each.
-
-        What a run has that the paper's model has not, and of how many places the scores are no test.
-        """
+        """What must stand at every table: the remedies of each run, and how many tested places it had seen."""
         named = {label: named_ingredients(one.settings()) for label, one in self.describers.items()}
         told = [f"{label}: {ingredients}" for label, ingredients in named.items() if ingredients is not None]
         seen = [seen_sentence(label, count) for label, count in self.trained_places.items() if count]

@@ -1,8 +1,8 @@
 """Which frames show something new after those before them, seen in what they say of the places.
 
-A robot that stands sees the same again, its chance agreements included. To count that frame by frame would make the
-robot sure of a wrong place; a stop would be a motion that no speed explains; and the last L frames would soon be one
-view, L times. So a frame that shows the last one again does not count as a frame of the drive.
+A standing robot sees the same view again, including its chance matches. Counting each of these frames would make the
+filter too sure of itself, a stop would contradict the motion model, and the last L frames would soon be L copies of one
+view. So a frame that repeats the last new one does not count as a frame of the drive.
 """
 
 from __future__ import annotations

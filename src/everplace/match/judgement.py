@@ -93,7 +93,7 @@ def rivals(scores: NDArray[np.float32], pairs: Assignment) -> NDArray[np.bool_]:
 
 
 def crooked(pairs: Assignment) -> NDArray[np.bool_]:
-    """Tells where a drive moves more than three times as far for the other's way as usual, or less than a third.
+    """Marks pairs where one drive advances over three times, or under a third, as fast against the other as is usual.
 
     Args:
         pairs: The path, K pairs.

@@ -1,7 +1,7 @@
 """Where on the route the robot is, from the frames so far: the forward recursion of `RouteModel`.
 
 `RouteFilter` takes one frame after the other and remembers all; `filter_windows` answers every frame of a traverse
-from the last L frames alone. For both a frame that shows the last one again is none (`everplace.match.frame_change`).
+from the last L frames alone. Both skip frames that merely repeat the last new one (`everplace.match.frame_change`).
 """
 
 from __future__ import annotations
@@ -197,8 +197,15 @@ def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None
     known = RouteModel() if model is None else model
     new = new_frames(S, known)
     stands = np.diff(np.append(new, len(S)))  # how many frames show what each new one does
-    length = min(length, len(new))
     out = np.empty(S.shape, np.float32)
+    if length >= len(new):  # every window begins with the drive: one robot answers all frames
+        belief = Belief.start(known, 1, S.shape[1])
+        for frame, stay in zip(new, stands, strict=True):
+            if frame:
+                belief.move(known)
+            belief.see(likelihood_ratios(S[frame : frame + 1], known))
+            out[frame : frame + stay] = log_odds(belief, known)
+        return out
     size = max(1, _BLOCK // S.shape[1])
 
     def fill(start: int) -> None:

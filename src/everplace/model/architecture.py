@@ -24,7 +24,7 @@ CONVOLUTIONS = (32, 64, 64, 128, 128)
 FULLY_CONNECTED = (4096, 2048, 1024, 512)
 SMALLEST_SIDE = 4
 FREE_OF_CONTRAST = 3
-"""So many of the first convolutions are normalised for each image alone in half of their channels."""
+"""How many of the first convolutions normalise half of their channels for each image alone (instance normalisation)."""
 
 
 def feature_map(height: int, width: int) -> tuple[int, int, int]:
@@ -45,7 +45,7 @@ def feature_map(height: int, width: int) -> tuple[int, int, int]:
 def strides(height: int, width: int) -> tuple[int, ...]:
     """Stride of each of the five convolutions: those that do not halve are the second, then the fourth (decided).
 
-    Each halving of a small image is so followed by a layer that looks at what is left before the next one.
+    On a small image this puts a layer of stride 1 between two halvings.
     """
     halvings, _, _ = feature_map(height, width)
     full = (1, 3)[: len(CONVOLUTIONS) - halvings]

@@ -45,7 +45,7 @@ class Checkpoint:
         return stems_seen(self.about)
 
     def settings(self) -> dict[str, str | int | float | bool]:
-        """What tells this model from others: image, how it was trained and chosen, and the hash of its weights."""
+        """What identifies this model: image, how it was trained and chosen, and the hash of its weights."""
         config = self.model.config
         return {
             "height": config.height,

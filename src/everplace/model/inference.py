@@ -1,4 +1,4 @@
-"""Where and how a network is applied: without gradients, with the same numbers on every device, but for rounding."""
+"""Where and how a network is applied: without gradients, in full float32 on every device."""
 
 from __future__ import annotations
 

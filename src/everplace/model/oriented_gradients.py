@@ -26,8 +26,8 @@ class OrientedGradients(nn.Module):
     After the histograms of oriented gradients of Dalal and Triggs (CVPR 2005), with directions over the full circle.
     Images are brought to a short side of 64; every pixel's gradient votes, by its length, for the directions within
     22.5 degrees of its own, and with linear weights for the cells of 8 pixels around it; each cell's 16 numbers are
-    divided by the root mean energy of the 3×3 cells around it. Brightness and contrast, also where they differ from
-    one part of the image to the other, are so gone before anything is learned.
+    divided by the root mean energy of the 3×3 cells around it. This removes brightness and contrast, even
+    where they vary across the image, before anything is learned.
 
     Nothing in it is learned, and no gradient goes through it.
 

@@ -82,7 +82,7 @@ class Section:
 
         Args:
             figure: What to show; one inch of it is 96 pixels of the page.
-            alt: Says what it shows to who cannot see it.
+            alt: Says what it shows, for readers who cannot see it.
             caption: Written below.
             dpi: Pixels an inch, two for each of the page's; small drawings of lines become SVG instead.
         """
@@ -94,7 +94,7 @@ class Section:
 
         Args:
             figure: What to show.
-            alt: Says what it shows to who cannot see it.
+            alt: Says what it shows, for readers who cannot see it.
             caption: Written below.
         """
         self.has_charts = True

@@ -23,7 +23,7 @@ from everplace.training.sections import PlaceProjection
 __all__ = ["fit_place_projection"]
 
 STRETCH = 24
-"""Places over which what the traverses differ by on average is weather and light, and not the places."""
+"""Places to average over, so that what still differs between traverses is weather and light rather than place."""
 _STRETCHES_A_BLOCK = 5
 
 

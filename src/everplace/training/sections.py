@@ -75,8 +75,9 @@ class PlaceProjection(Section):
 
     Attributes:
         ridge: Of the discriminant, in units of the mean variance within places.
-        stretches: How often what the traverses differ by along whole stretches is counted beside their differences.
-        light: How often what other light would change is counted.
+        stretches: Weight of the differences between traverses averaged over whole stretches, beside those at single
+            places, which count once.
+        light: Weight of what other light would change.
         rate: Learning rate of the projection, as a fraction of the others'; 0 leaves it as it was fitted.
     """
 

@@ -80,9 +80,9 @@ def own_device(processes: int) -> torch.device:
 def torch_settings_kept() -> Iterator[None]:
     """Undoes what Lightning sets for the whole process: whether algorithms are deterministic, how they are chosen.
 
-    While it is open no new tensor is filled, which torch does with deterministic algorithms to show reads of memory
-    that was never written; and cuBLAS has the workspace by which it is deterministic, since torch looks at that when a
-    process first multiplies on a CUDA device, which may be before Lightning sets it.
+    While it is open, torch does not fill new tensors, a debugging aid of its deterministic mode; and cuBLAS's
+    deterministic workspace is set, since torch looks for it at the first multiplication on a CUDA device, which may
+    come before Lightning sets it.
     """
     workspace = os.environ.get(_WORKSPACE)
     os.environ.setdefault(_WORKSPACE, ":4096:8")

@@ -51,7 +51,7 @@ class FabMapDescriber:
         return self.model.seen_stems
 
     def settings(self) -> dict[str, str | int | float | bool]:
-        """What tells this model from others: its configuration, its seed, and the hash of vocabulary and tree."""
+        """What identifies this model: its configuration, its seed, and the hash of vocabulary and tree."""
         config = self.model.config.model_dump(mode="json")
         size = self.model.config.image_size
         return {
