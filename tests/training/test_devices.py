@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -91,3 +94,21 @@ def test_each_task_of_a_cluster_job_may_train_a_run_of_its_own(route_path: Path,
     assert (tmp_path / "run" / "config.toml").is_file()
     assert again.returncode == 2
     assert "already holds a run" in again.stderr
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_the_wait_for_other_machines(route_path: Path, tmp_path: Path) -> None:
+    settings = tmp_path / "settings.toml"
+    settings.write_text("batch_size = 8\nheld_out_gap = 2\nepochs = 1")
+    command = [sys.executable, "-m", "everplace", "train", str(route_path), "--model", "vae", "--nodes", "2"]
+    command += ["--image-size", "32", "32", "--config", str(settings), "--out", str(tmp_path / "run")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        try:
+            said = process.stderr.readline()
+            assert re.search(r"waiting at 127\.0\.0\.1:\d+ for all 2 processes", said)
+            time.sleep(1)  # until it waits
+            process.send_signal(signal.SIGINT)
+            assert process.wait(timeout=60) == -signal.SIGINT  # which a shell calls 130
+        finally:
+            process.kill()

@@ -162,7 +162,7 @@ def _swap_log_likelihood(
 
 
 def _donors(conditions: Tensor, places: Tensor) -> tuple[Tensor, Tensor]:
-    """Frames for which the batch holds another place under the same condition, each with the next such frame, its donor.
+    """Frames for which the batch holds another place under the same condition, each with the next such one, its donor.
 
     Args:
         conditions: (B,) indices.

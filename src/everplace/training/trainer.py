@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import signal
+import sys
 import threading
 import warnings
 from collections.abc import Iterator
@@ -116,6 +117,8 @@ def make_trainer(
     """
     device, processes = default_device().type, devices * nodes
     callbacks: list[lightning.Callback] = [keeper]
+    if nodes > 1:
+        callbacks.append(_Meeting(show=bool(show)))
     if show:
         callbacks.append(TrainingDisplay(keeper, config, show if isinstance(show, str) else ""))
     with _quiet_lightning():
@@ -137,6 +140,33 @@ def make_trainer(
             enable_progress_bar=False,
             enable_model_summary=False,
         )
+
+
+class _Meeting(lightning.Callback):
+    """Lets Ctrl-C end the wait for processes on other machines, in which Python cannot answer it."""
+
+    def __init__(self, *, show: bool) -> None:
+        self._show = show
+        self._on_interrupt: Any = None
+
+    def wait(self, trainer: lightning.Trainer) -> None:
+        """Says what is waited for, before the processes meet."""
+        environment = getattr(trainer.strategy, "cluster_environment", None)
+        if self._show and environment is not None and trainer.node_rank == 0:
+            where = f"{environment.main_address}:{environment.main_port}"
+            print(
+                f"everplace: waiting at {where} for all {trainer.world_size} processes; start the same command on the "
+                "other machines, with MASTER_ADDR, MASTER_PORT and NODE_RANK set",
+                file=sys.stderr,
+                flush=True,
+            )
+        if threading.current_thread() is threading.main_thread():
+            self._on_interrupt = signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+    def setup(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, stage: str) -> None:
+        """They have met."""
+        if self._on_interrupt is not None:
+            signal.signal(signal.SIGINT, self._on_interrupt)
 
 
 def _tensorboard(out: Path) -> Logger | None:
@@ -176,6 +206,9 @@ def run_trainer(trainer: lightning.Trainer, module: BoundModule, frames: Trainin
     on_interrupt = signal.getsignal(signal.SIGINT)
     try:
         with _quiet_lightning():
+            for callback in trainer.callbacks:  # type: ignore[attr-defined]
+                if isinstance(callback, _Meeting):
+                    callback.wait(trainer)
             trainer.fit(module, make_loader(frames, order))
     except SystemExit:
         # Lightning turns Ctrl-C into exit status 1, and has the process ignore the next one; the command line has its
