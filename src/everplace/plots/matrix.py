@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from everplace.errors import DescriptorsError
-from everplace.plots.style import SEQUENTIAL, WRONG, set_legend, styled, write_plainly
+from everplace.plots.style import SEQUENTIAL, WRONG, mark_legend, styled, write_plainly
 
 __all__ = ["draw_similarity", "outline"]
 
@@ -23,8 +23,6 @@ _MOST_CELLS = 2048
 
 _TRUTH = "white"
 _RIGHT_MARK = "#56B4E9"
-_OUTSIDE = {"facecolor": "#5A5A5A", "edgecolor": "none", "labelcolor": "white"}
-"""The legend's box is dark, because its marks are made to be seen on the dark end of the colour map."""
 
 
 @styled()
@@ -125,10 +123,7 @@ def _draw_marks(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_] | Non
     if best:
         marks |= _draw_best(axes, scores, truth)
     if marks:
-        set_legend(
-            axes, list(marks.values()), list(marks), ncols=len(marks), frameon=True, **_OUTSIDE,
-            loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0,
-        )  # fmt: skip
+        mark_legend(axes, marks)
 
 
 def _draw_truth(axes: Axes, truth: NDArray[np.bool_]) -> Artist:
