@@ -66,7 +66,7 @@ def test_one_panel_for_every_ordered_pair(make_curve: Make) -> None:
         pair: {"hog": make_curve([0.5], [1.0]), "sad": make_curve([0.2], [0.7])} for pair in permutations(conditions, 2)
     }
     axes = draw_precision_recall_panels(figure, panels)
-    assert [panel.get_title() for panel in axes] == [f"{query} in {database}" for query, database in panels]
+    assert [panel.get_title() for panel in axes] == [f"{query} → {database}" for query, database in panels]
     assert all(len(panel.lines) == 2 for panel in axes)
     columns = {round(panel.get_position().x0, 3) for panel in axes}
     assert len(columns) == 3

@@ -140,7 +140,7 @@ def draw_precision_recall_panels(
     drawn = every[: len(panels)]
     handles: dict[str, Line2D] = {}
     for place, (axes, ((query, database), curves)) in enumerate(zip(drawn, panels.items(), strict=True)):
-        lines = draw_precision_recall(axes, curves, looks=looks, title=f"{query} in {database}", legend=False)
+        lines = draw_precision_recall(axes, curves, looks=looks, title=f"{query} → {database}", legend=False)
         handles |= {label: line for label, line in zip(curves, lines, strict=True) if label not in handles}
         # The axes are shared: only the panels at the left and at the bottom carry words and numbers.
         lowest = place + columns >= len(panels)

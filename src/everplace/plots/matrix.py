@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
+from matplotlib.axis import Axis, XAxis
 from matplotlib.collections import LineCollection
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
@@ -152,7 +152,7 @@ def _write_ticks(side: Axis, names: Sequence[str], room: float) -> float:
     labels = side.get_ticklabels()
     write_plainly(*labels)
     longest = max(len(label.get_text()) for label in labels)
-    if side.axis_name == "y" or longest <= _LEVEL:
+    if not isinstance(side, XAxis) or longest <= _LEVEL:
         return 0.0
     for label in labels:
         label.set(rotation=30.0, ha="right", rotation_mode="anchor")
@@ -164,8 +164,12 @@ def _write_above(axes: Axes, title: str, note: str) -> None:
     if title:
         write_plainly(axes.set_title(title, fontsize=10.0, pad=20.0 if note else None))
     if note:
-        place = {"xy": (0.5, 1.0), "xytext": (0.0, 6.0), "xycoords": "axes fraction", "textcoords": "offset points"}
-        write_plainly(axes.annotate(note, **place, ha="center", va="bottom", fontsize=8.0, color=MUTED))
+        write_plainly(
+            axes.annotate(
+                note, (0.5, 1.0), (0.0, 6.0), xycoords="axes fraction", textcoords="offset points",
+                ha="center", va="bottom", fontsize=8.0, color=MUTED,
+            )
+        )  # fmt: skip
 
 
 def _draw_marks(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_] | None, *, best: bool, below: float) -> None:
