@@ -20,7 +20,7 @@ from everplace.experiments.manifest import open_study
 from everplace.experiments.retrieval import Matching, Truth
 from everplace.model.checkpoint import load_checkpoint
 from everplace.plots.canvas import new_figure
-from everplace.plots.training import draw_training
+from everplace.plots.training import TRAINING_CAPTION, draw_training
 from everplace.progress import Progress, quiet
 from everplace.training.methods import build_config
 from everplace.training.metrics import read_metrics
@@ -111,6 +111,8 @@ def run_demo(
     for label, metrics in curves.items():
         figure = new_figure(10)
         draw_training(figure, metrics, chosen=chosen[label])
-        report.section(f"Training of {label}").figure(figure, alt=f"Terms of the bound of {label} over the epochs.")
+        report.section(f"Training of {label}").figure(
+            figure, alt=f"Terms of the bound of {label} over the epochs.", caption=TRAINING_CAPTION
+        )
     report.write(out / "report.html")
     return comparison.metrics()
