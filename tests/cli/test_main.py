@@ -187,7 +187,7 @@ def test_an_evaluation_writes_metrics_and_a_report(way: Path) -> None:
     assert (metrics["queries"], metrics["database"], metrics["dimension"]) == (40, 40, 96)
     assert 0 < metrics["audit"]["swap"]["mean_image"] < 1
     page = (way / "result" / "report.html").read_text()
-    assert "cp-vae: query winter, database summer" in page
+    assert "<h1>cp-vae (no fully connected chain): query winter, database summer</h1>" in page
     for picture in ("similarity", "matches", "swap", "constant", "translation"):
         assert (way / "result" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
 
