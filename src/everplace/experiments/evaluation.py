@@ -49,6 +49,7 @@ __all__ = [
 
 
 _METRICS = "metrics.json"
+_AT_100 = "recall at 100 % precision"
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +234,8 @@ def _how(evaluation: Evaluation) -> list[list[Value]]:
         "right": f"A proposed frame counts as right {right_words(evaluation.truth)}.",
         "match": f"{matching_words(evaluation.matching)}; score: "
         f"{score_words(evaluation.describer.metric, evaluation.matching)}",
-        **{name: DEFINITIONS[known] for name, known in _DEFINED.items()},
+        # A definition may name another score as the tables of a comparison do.
+        **{name: DEFINITIONS[known].replace("R@100%P", _AT_100) for name, known in _DEFINED.items()},
     }
     return [[name, text] for name, text in told.items()]
 
@@ -243,7 +245,7 @@ _DEFINED = {
     "recall@N": "recall@N",
     "auc_pr": "auc_pr",
     "average precision": "AP",
-    "recall at 100 % precision (R@100%P)": "R@100%P",
+    _AT_100: "R@100%P",
     "extended precision": "EP",
     "dimension": "dimension",
     "ms per image": "ms/image",
@@ -260,7 +262,7 @@ def score_facts(result: Retrieval) -> dict[str, float | int]:
         "recall@10": scores.recall_at["10"],
         "auc_pr": scores.auc_pr,
         "average precision": scores.average_precision,
-        "recall at 100 % precision": scores.recall_at_100_precision,
+        _AT_100: scores.recall_at_100_precision,
         "extended precision": scores.extended_precision,
         "queries": scores.queries,
         "database": scores.database,

@@ -142,10 +142,10 @@ def _write_ticks(side: Axis, names: Sequence[str], room: float) -> float:
     Returns:
         Points that names below the matrix need more than numbers, because they are slanted; 0 at its side.
     """
-    locator = MaxNLocator(nbins=7, integer=True, min_n_ticks=1)
     if not names:
-        side.set_major_locator(locator)
+        side.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
         return 0.0
+    locator = MaxNLocator(nbins=7, integer=True, min_n_ticks=1)
     places = [int(place) for place in locator.tick_values(0, len(names) - 1) if 0 <= place < len(names)]
     size = 8.0
     side.set_ticks(places, [shortened(names[place], room, size) for place in places])
