@@ -107,6 +107,11 @@ def test_no_column_of_a_comparison_is_lost(browser: Browser, tmp_path: Path, wid
     assert frame.evaluate("e => e.scrollWidth > e.clientWidth") is scrolls
     # Scrolled to its end, the frame shows the last column whole.
     frame.evaluate("e => { e.scrollLeft = e.scrollWidth; }")
+    # The names of the rows and their head stay in sight.
+    heads = [shown.locator(place).first.bounding_box() for place in ("thead th", "tbody th")]
+    assert [head["x"] for head in heads if head is not None] == pytest.approx(
+        [frame.evaluate("e => e.getBoundingClientRect().x")] * 2
+    )
     outer, last = frame.bounding_box(), shown.locator("thead th").last.bounding_box()
     assert outer is not None
     assert last is not None
