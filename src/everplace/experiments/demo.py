@@ -16,6 +16,7 @@ from everplace.describe.registry import open_describer
 from everplace.experiments.comparison import compare_methods
 from everplace.experiments.comparison_report import write_comparison
 from everplace.experiments.fitting import Methods, fit, run_of
+from everplace.experiments.ingredients import named_method
 from everplace.experiments.manifest import open_study
 from everplace.experiments.retrieval import Matching, Truth
 from everplace.model.checkpoint import load_checkpoint
@@ -111,8 +112,9 @@ def run_demo(
     for label, metrics in curves.items():
         figure = new_figure(10)
         draw_training(figure, metrics, chosen=chosen[label])
-        report.section(f"Training of {label}").figure(
-            figure, alt=f"Terms of the bound of {label} over the epochs.", caption=TRAINING_CAPTION
+        named = named_method(label, describers[label].settings())
+        report.section(f"Training of {named}").figure(
+            figure, alt=f"Terms of the bound of {named} over the epochs.", caption=TRAINING_CAPTION
         )
     report.write(out / "report.html")
     return comparison.metrics()
