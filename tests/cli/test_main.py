@@ -273,7 +273,7 @@ def test_an_evaluation_writes_metrics_and_a_report(way: Path) -> None:
     assert (metrics["queries"], metrics["database"], metrics["dimension"]) == (40, 40, 96)
     assert 0 < metrics["audit"]["swap"]["mean_image"] < 1
     page = (way / "result" / "report.html").read_text()
-    assert "cp-vae: winter against summer" in page
+    assert "<h1>cp-vae (no fully connected chain): query winter, database summer</h1>" in page
     for picture in ("similarity", "matches", "swap", "constant", "translation"):
         assert (way / "result" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
 
@@ -308,8 +308,8 @@ def test_compare_names_every_pair_and_method(way: Path, tmp_path: Path, methods:
     assert "trained" not in err
     table = (tmp_path / "c" / "table.md").read_text()
     assert out == table
-    assert "**summer against winter**" in table
-    assert "**winter against summer**" in table
+    assert "**Query summer, database winter**" in table
+    assert "**Query winter, database summer**" in table
     names = [Path(method).name for method in given.split(",")]
     assert sorted(re.findall(r"^\| (sad|hog|run) \|", table, re.MULTILINE)) == sorted(2 * names)
     assert {path.name for path in (tmp_path / "c").iterdir()} >= {"metrics.json", "report.html", "pr_curves.png"}

@@ -44,6 +44,13 @@ def test_recipe_and_remedies_are_named_at_every_table(tiny_route: Path, tmp_path
     assert said in (out / "table.md").read_text("utf-8").replace("  \n", "\n").splitlines()
     # Of the summary, of each of the two pairs and of the audit.
     assert visible(out).count(f"<p>{said}</p>") == 4
+    page = visible(out)
+    pictures = re.findall(r'alt="([^"]*)"', page)
+    assert any(alt.startswith("Similarity matrix of") for alt in pictures)
+    for named in ("mine (recipe best, free bits)",):
+        assert f'"name":"{named}' in page
+        assert f"{named}: whether the latent is alive" in page
+    assert "plain (" not in page
     assert "plain: " not in (out / "table.md").read_text("utf-8") + visible(out)
     assert json.loads((out / "metrics.json").read_text())["methods"] == {
         "mine": {"recipe": "best", "remedies": remedies, "trained_places_tested": 0},

@@ -13,10 +13,12 @@ from PIL import Image
 from everplace.data.route import open_route
 from everplace.data.selection import Selection
 from everplace.experiments.evaluation import Evaluation, evaluate_method, write_evaluation
+from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.retrieval import Matching, Truth
 from everplace.model.checkpoint import save_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import ModelConfig
+from everplace.report.blocks import escaped
 from everplace.training.config import TrainConfig, write_config
 
 PLACES = 6
@@ -63,6 +65,31 @@ def test_recipe_and_remedies_are_named(route: Path, tmp_path: Path, about: dict[
     assert ("This run is not the paper" in page) is (named is not None)
     assert named is None or named in page
     assert "retrieval counts a match within ±2 places as right" in page
+    # The title of the page, the curve and the audit's pictures say so too.
+    label = "cp-vae (recipe best, free bits)" if named is not None else "cp-vae"
+    assert f"<h1>{label}: query day, database night</h1>" in page
+    assert f'<th scope="col">{label}</th>' in page
+    assert f'"name":"{label}' in page
+    assert f"{label}: whether the latent is alive" in page
+
+
+def test_the_report_says_how_it_was_measured(route: Path, tmp_path: Path) -> None:
+    run = tmp_path / "runs" / "mine"
+    write_evaluation(evaluated(route, run, {"recipe": "best"}, Truth(tolerance=2)), tmp_path, details={})
+    page = (tmp_path / "report.html").read_text()
+    assert f"<dt>method</dt><dd>{run}</dd>" in page
+    section = page[page.index('<section id="how-it-was-measured"') :]
+    section = section[: section.index("</section>")]
+    for said in (
+        f"{run} (cp-vae, recipe best)",
+        f"Each of the {PLACES} frames of the query day asks the whole database night, {PLACES} frames.",
+        "A proposed frame counts as right within ±2 frames.",
+        "descriptors compared as they are; score: cosine similarity",
+        "mean of the precision at the lowest recall and recall at 100 % precision.",
+        *(DEFINITIONS[name] for name in ("curve", "recall@N", "auc_pr", "AP", "R@100%P", "dimension", "ms/image")),
+    ):
+        assert escaped(said) in section
+    assert "match plain" not in page
 
 
 @pytest.mark.slow

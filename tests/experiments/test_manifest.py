@@ -62,9 +62,9 @@ def test_the_protocol_that_chose_the_frames_is_named_in_every_result(tiny_route:
     (tiny_route / "route.toml").write_text('protocol = "Somewhere, 12 frames, ±1"\ntolerance = 1\n', "utf-8")
     metrics = compare(tiny_route, tmp_path / "c", "--methods", "hog")
     assert metrics["protocol"] == manifest_of(tmp_path / "c")["protocol"] == "Somewhere, 12 frames, ±1"
-    head = "tiny (Somewhere, 12 frames, ±1), ±1 frames, match plain"
+    head = "tiny (Somewhere, 12 frames, ±1): within ±1 frames, descriptors compared as they are"
     assert (tmp_path / "c" / "table.md").read_text("utf-8").splitlines()[0] == head
-    assert "tiny (Somewhere, 12 frames, ±1): 12 places, ±1 frames" in (tmp_path / "c" / "report.html").read_text(
+    assert "tiny (Somewhere, 12 frames, ±1): 12 places, within ±1 frames" in (tmp_path / "c" / "report.html").read_text(
         "utf-8"
     )
     evaluated = evaluate_method(
@@ -73,11 +73,13 @@ def test_the_protocol_that_chose_the_frames_is_named_in_every_result(tiny_route:
     )  # fmt: skip
     assert evaluated.metrics()["protocol"] == "Somewhere, 12 frames, ±1"
     write_evaluation(evaluated, tmp_path / "e", details={})
-    assert "tiny (Somewhere, 12 frames, ±1), ±1 frames, plain" in (tmp_path / "e" / "report.html").read_text("utf-8")
+    assert "tiny (Somewhere, 12 frames, ±1): within ±1 frames, descriptors compared as they are" in (
+        tmp_path / "e" / "report.html"
+    ).read_text("utf-8")
     (tiny_route / "route.toml").unlink()
     metrics = compare(tiny_route, tmp_path / "none", "--methods", "hog")
     assert metrics["protocol"] is None
-    assert (tmp_path / "none" / "table.md").read_text("utf-8").startswith("tiny, ±1 frames, ")
+    assert (tmp_path / "none" / "table.md").read_text("utf-8").startswith("tiny: within ±1 frames, ")
 
 
 def test_every_column_is_defined() -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from everplace.data.route import open_route
 from everplace.data.selection import Selection
 from everplace.describe.registry import open_describer
-from everplace.experiments.pictures import match_figure
+from everplace.experiments.pictures import match_figure, matrix_figure
 from everplace.experiments.retrieval import Matching, Pair, Truth, choose_pair, retrieve, true_matches
 
 
@@ -51,6 +51,17 @@ def test_without_common_stems_the_nearest_pose_is_shown(tiny_route: Path) -> Non
     pair = Pair(route["winter"], route["summer"])
     shown = shown_as_true(pair, true_matches(route, pair, Truth(radius=45.0))[0])
     assert shown == {f"q{place}": str(min(place + 2, 11)) for place in range(12)}
+
+
+def test_the_matrix_names_query_database_and_frames(tiny_route: Path) -> None:
+    route = open_route(tiny_route)
+    pair = Pair(route["winter"], route["summer"])
+    result = retrieve(open_describer("sad"), pair, np.eye(12, dtype=bool), Matching(), ms_per_image=1.0)
+    axes = matrix_figure(pair, result, title="t", note="n", score="s").axes[0]
+    assert (axes.get_ylabel(), axes.get_xlabel()) == ("frame of query winter", "frame of database summer")
+    for side in (axes.yaxis, axes.xaxis):
+        ticks = zip(side.get_ticklocs(), side.get_ticklabels(), strict=True)
+        assert all(text.get_text() == pair.query.stems[int(place)] for place, text in ticks)
 
 
 def test_where_nothing_tells_the_nearest_it_is_the_middle_one(tiny_route: Path) -> None:

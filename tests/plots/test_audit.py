@@ -18,6 +18,12 @@ def test_bars_stand_in_order_with_their_values_and_the_line() -> None:
     assert [tick.get_text() for tick in axes.get_yticklabels()] == ["z_p", "$z_c$"]
     assert axes.lines[0].get_xdata() == [0.25, 0.25]
     assert axes.get_xlabel() == "recall@1 (dashed: chance, 0.25)"
+    # A value stands in front of the line that may run behind it, on ground of its own.
+    assert all(text.get_zorder() > axes.lines[0].get_zorder() for text in axes.texts)
+    for text in axes.texts:
+        ground = text.get_bbox_patch()
+        assert ground is not None
+        assert to_hex(ground.get_facecolor(), keep_alpha=True) == "#ffffffff"
     # The first bar is the uppermost.
     top, bottom = (axes.transData.transform((0, bar.get_y()))[1] for bar in drawn)
     assert top > bottom
@@ -42,4 +48,7 @@ def test_divergences_fall_and_are_counted() -> None:
     assert [text.get_text() for text in legend.get_texts()] == [
         "z_p: 2 of 3 active", "z_c: 1 of 2 active", "active above 0.01",
     ]  # fmt: skip
-    assert png_bytes(figure, 50)
+    assert png_bytes(figure, figure.dpi)
+    # The legend covers no curve and stays on the page.
+    box, inside, page = legend.get_window_extent(), axes.get_window_extent(), figure.bbox
+    assert inside.x1 <= box.x0 < box.x1 <= page.x1

@@ -66,7 +66,7 @@ def test_one_panel_for_every_ordered_pair(make_curve: Make) -> None:
         pair: {"hog": make_curve([0.5], [1.0]), "sad": make_curve([0.2], [0.7])} for pair in permutations(conditions, 2)
     }
     axes = draw_precision_recall_panels(figure, panels)
-    assert [panel.get_title() for panel in axes] == [f"{query} in {database}" for query, database in panels]
+    assert [panel.get_title() for panel in axes] == [f"{query} → {database}" for query, database in panels]
     assert all(len(panel.lines) == 2 for panel in axes)
     columns = {round(panel.get_position().x0, 3) for panel in axes}
     assert len(columns) == 3
@@ -95,3 +95,16 @@ def test_empty_places_of_the_panel_grid_are_removed(make_curve: Make, count: int
     # The lowest panel of each column names its axis.
     assert [panel.get_xlabel() for panel in axes] == [""] * max(0, count - 3) + ["recall"] * min(3, count)
     assert png_bytes(figure, 30)
+
+
+@pytest.mark.parametrize(("names", "columns"), [(1, 1), (3, 3), (5, 3), (9, 3)])
+def test_the_legend_of_all_panels_has_lines_of_about_one_length(make_curve: Make, names: int, columns: int) -> None:
+    curves = {f"cp-vae-number-{name} (recipe best)": make_curve([0.5], [1.0]) for name in range(names)}
+    figure = new_figure(8)
+    draw_precision_recall_panels(figure, {("day", "night"): curves, ("night", "day"): curves})
+    assert png_bytes(figure, figure.dpi)
+    (legend,) = figure.legends
+    across = {round(text.get_window_extent().x0) for text in legend.get_texts()}
+    assert len(across) == columns
+    assert legend.get_window_extent().x0 >= 0
+    assert legend.get_window_extent().x1 <= figure.bbox.x1

@@ -18,7 +18,7 @@ def _match(value: int, *, right: bool, true: bool = True, shape: tuple[int, ...]
 
 def test_right_and_wrong_differ_by_colour_word_and_line() -> None:
     figure = new_figure(6)
-    axes = draw_matches(figure, [_match(10, right=True), _match(20, right=False)], title="Two")
+    axes = draw_matches(figure, [_match(10, right=True), _match(20, right=False)], title="Two", note="within ±1")
     shown = [int(np.asarray(image.get_array())[0, 0, 0]) for image in axes.images]
     assert shown == [10, 11, 12, 20, 21, 22]
     right, wrong = (patch for patch in axes.patches if isinstance(patch, Rectangle))
@@ -33,6 +33,7 @@ def test_right_and_wrong_differ_by_colour_word_and_line() -> None:
     words = [text.get_text() for text in axes.texts]
     assert {
         "Two",
+        "within ±1",
         "query",
         "proposed",
         "true",
@@ -42,6 +43,12 @@ def test_right_and_wrong_differ_by_colour_word_and_line() -> None:
         "p10",
         "t20",
     } <= set(words)
+
+
+def test_a_note_takes_room_of_its_own() -> None:
+    axes = draw_matches(new_figure(6), [_match(10, right=True)], title="Title", note="note")
+    below = {text.get_text(): text.get_position()[1] for text in axes.texts}
+    assert below["Title"] < below["note"] < below["query"] < axes.images[0].get_extent()[3]
 
 
 def test_a_query_whose_place_is_not_there_says_so() -> None:

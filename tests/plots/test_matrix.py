@@ -45,6 +45,46 @@ def test_a_kind_that_does_not_occur_is_not_explained() -> None:
     assert [line.get_label() for line in axes.lines] == ["best match, right"]
 
 
+def test_a_few_frames_are_named_at_their_places() -> None:
+    figure, axes = new_axes()
+    rows, columns = [f"{520 + place}" for place in range(40)], [f"$long_name_{place}$" for place in range(40)]
+    draw_similarity(
+        axes, np.eye(40), np.eye(40, dtype=bool), query_names=rows, database_names=columns, score="cosine similarity",
+        title="hog", note="right: within ±1 frames",
+    )  # fmt: skip
+    for side, names in ((axes.yaxis, rows), (axes.xaxis, columns)):
+        ticks = {
+            int(place): text.get_text() for place, text in zip(side.get_ticklocs(), side.get_ticklabels(), strict=True)
+        }
+        assert 3 <= len(ticks) <= 9
+        assert ticks == {place: names[place] for place in ticks}
+    assert [text.get_rotation() for text in axes.get_yticklabels()[:1] + axes.get_xticklabels()[:1]] == [0.0, 30.0]
+    assert [text.get_text() for text in axes.texts] == ["right: within ±1 frames"]
+    assert "cosine similarity" in {child.get_ylabel() for child in axes.child_axes}
+    # Neither the slanted names nor the axis label under them lie below the legend's upper edge.
+    png_bytes(figure, figure.dpi)
+    legend = axes.get_legend()
+    assert legend is not None
+    assert axes.xaxis.label.get_window_extent().y0 >= legend.get_window_extent().y1
+
+
+def test_names_that_do_not_fit_are_refused() -> None:
+    _, axes = new_axes()
+    with pytest.raises(DescriptorsError, match=r"2 and 2 names do not fit .* \(2, 3\)"):
+        draw_similarity(axes, SCORES, query_names=["a", "b"], database_names=["c", "d"])
+
+
+@pytest.mark.parametrize("frames", [16, 120, 400])
+def test_wrong_matches_can_be_seen_however_many_frames_there_are(frames: int) -> None:
+    scores = np.eye(frames)
+    scores[3] = np.roll(scores[3], 5)
+    _, axes = new_axes(6.4, 5.6)
+    draw_similarity(axes, scores, np.eye(frames, dtype=bool))
+    right, wrong = axes.lines
+    assert wrong.get_markersize() >= 4.5
+    assert wrong.get_markersize() >= right.get_markersize()
+
+
 def test_without_truth_the_best_matches_are_dots() -> None:
     _, axes = new_axes()
     draw_similarity(axes, SCORES)

@@ -27,7 +27,7 @@ def _titles(axes: list[Axes]) -> list[str]:
 
 def test_columns_of_one_unit_share_a_panel() -> None:
     assert training_panels(["epoch", "train/bound", "val/bound", "kl_p", "train_kl_c", "lr", "training", "x_1"]) == {
-        "bound": ["train/bound", "val/bound"],
+        "bound (nats)": ["train/bound", "val/bound"],
         "KL per block (nats)": ["kl_p", "train_kl_c"],
         "lr": ["lr"],
         "training": ["training"],
@@ -38,7 +38,7 @@ def test_columns_of_one_unit_share_a_panel() -> None:
 def test_curves_run_across_the_gaps_and_the_chosen_epoch_is_marked() -> None:
     figure = new_figure(10)
     axes = draw_training(figure, METRICS, chosen=1)
-    assert _titles(axes) == ["bound", "KL per block (nats)", "active dimensions", "recall@1"]
+    assert _titles(axes) == ["bound (nats)", "KL per block (nats)", "active dimensions", "recall@1"]
     recall = axes[3]
     curve, dot, rule = recall.lines
     assert np.asarray(curve.get_xydata()).tolist() == [[0, 0.1], [1, 0.6], [2, 0.4]]
@@ -47,8 +47,36 @@ def test_curves_run_across_the_gaps_and_the_chosen_epoch_is_marked() -> None:
     assert axes[0].get_title(loc="right") == "chosen: epoch 1"
     legend = axes[1].get_legend()
     assert legend is not None
-    assert [text.get_text() for text in legend.get_texts()] == ["train_kl_place", "train_kl_condition"]
+    assert [text.get_text() for text in legend.get_texts()] == ["z_p, train", "z_c, train"]
     assert png_bytes(figure, 50)
+
+
+def test_a_real_log_is_in_plain_words_and_no_legend_covers_a_curve() -> None:
+    names = (
+        "seconds", "learning_rate", "bound", "image", "kl_place", "kl_condition", "active_place", "active_condition",
+        "sigma", "held_out_bound", "held_out_recall_at_1", "held_out_auc_pr",
+    )  # fmt: skip
+    metrics = {"epoch": np.array([1, 2, 3]), **{name: np.array([0.99, 0.99, 0.99]) for name in names}}
+    figure = new_figure(10)
+    axes = draw_training(figure, metrics)
+    assert _titles(axes) == [
+        "time (s)", "learning rate", "bound (nats)", "image term (nats)", "KL per block (nats)", "active dimensions",
+        "sigma", "bound, held out (nats)", "recall@1, held out", "auc_pr, held out",
+    ]  # fmt: skip
+    assert png_bytes(figure, figure.dpi)
+    for panel in axes:
+        legend = panel.get_legend()
+        assert (legend is None) == (len(panel.lines) == 1)
+        if legend is not None:
+            assert [text.get_text() for text in legend.get_texts()] == ["z_p", "z_c"]
+            assert legend.get_window_extent().y0 >= panel.get_window_extent().y1
+
+
+@pytest.mark.parametrize("recall", [(1.0, 1.0), (0.0, 0.0), (0.2, 0.9)])
+def test_a_share_is_drawn_between_none_and_all(recall: tuple[float, float]) -> None:
+    (axes,) = draw_training(new_figure(), {"epoch": np.array([1, 2]), "held_out_recall_at_1": np.array(recall)})
+    assert axes.get_ylim() == (0.0, 1.0)
+    assert not axes.lines[0].get_clip_on()
 
 
 def test_panels_can_be_given() -> None:

@@ -76,10 +76,44 @@ def test_page_opens_offline(browser: Browser, report: Path, scheme: Any, width: 
     sizes = page.evaluate("[...document.images].map(i => [i.naturalWidth, i.naturalHeight, i.clientWidth])")
     assert len(sizes) == 2
     assert all(min(size) > 0 for size in sizes)
-    # The page itself never scrolls sideways; wide tables and pictures do so inside their own frames.
+    # The page itself never scrolls sideways; wide tables do so inside their own frames, and pictures are whole.
     assert page.evaluate("document.documentElement.scrollWidth") <= width
+    for picture in page.locator("figure img, .plot .main-svg").all():
+        box = picture.bounding_box()
+        assert box is not None
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= width
     ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
     assert (ground == "rgb(255, 255, 255)") == (scheme == "light")
     ink = page.evaluate("getComputedStyle(document.querySelector('.xtick text')).fill")
     assert ink == page.evaluate("getComputedStyle(document.body).color")
+    context.close()
+
+
+@pytest.mark.parametrize(("width", "scrolls"), [(400, True), (1280, False), (1400, False)])
+def test_no_column_of_a_comparison_is_lost(browser: Browser, tmp_path: Path, width: int, scrolls: bool) -> None:
+    header = [
+        "method", "recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP", "dimension", "bytes",
+        "ms/image", "peak MB",
+    ]  # fmt: skip
+    page = Report("Comparison")
+    page.section("Scores").table(header, [["cp-vae-best", *[0.123] * 7, 3780, 15120, 12.345, 1234]])
+    page.section("More").paragraph("A second section brings the contents, which take room.")
+    page.write(tmp_path / "report.html")
+    context = browser.new_context(offline=True, viewport={"width": width, "height": 800})
+    shown = context.new_page()
+    shown.goto((tmp_path / "report.html").as_uri())
+    frame = shown.locator(".table")
+    assert frame.evaluate("e => e.scrollWidth > e.clientWidth") is scrolls
+    # Scrolled to its end, the frame shows the last column whole.
+    frame.evaluate("e => { e.scrollLeft = e.scrollWidth; }")
+    # The names of the rows and their head stay in sight.
+    heads = [shown.locator(place).first.bounding_box() for place in ("thead th", "tbody th")]
+    assert [head["x"] for head in heads if head is not None] == pytest.approx(
+        [frame.evaluate("e => e.getBoundingClientRect().x")] * 2
+    )
+    outer, last = frame.bounding_box(), shown.locator("thead th").last.bounding_box()
+    assert outer is not None
+    assert last is not None
+    assert last["x"] + last["width"] <= outer["x"] + outer["width"] + 0.5
     context.close()

@@ -68,18 +68,22 @@ def swap(
     drop_stationary: DropStationary = False,
     as_json: Json = False,
 ) -> None:
-    """Decode z_p of one frame with z_c of another, for one place in all conditions (Figures 6 and 7).
+    """Decode z_p of one frame with z_c of another, for one place in all conditions.
+
+    As Figures 6 and 7 of Oh and Eoh (2021).
 
     Example: everplace show swap runs/cp-vae my-route --frames 1620: --out swap.png
     """
     require_file(out, _PICTURES)
     require_no_frame(out, route)
+    from everplace.experiments.ingredients import named_method
     from everplace.experiments.translations import load_divided, swap_figure
     from everplace.plots.canvas import save_figure
 
-    model = load_divided(run)
+    checkpoint = load_divided(run)
+    label = named_method(checkpoint.model.config.kind, checkpoint.settings())
     chosen = _select(route, conditions, frames, drop_dark, drop_stationary)
-    save_figure(swap_figure(model, chosen, place), out)
+    save_figure(swap_figure(checkpoint.model, chosen, place, label=label), out)
     show_result({"out": str(out)}, as_json)
 
 
@@ -94,18 +98,22 @@ def constant(
     drop_stationary: DropStationary = False,
     as_json: Json = False,
 ) -> None:
-    """Decode z_p of every frame with one constant z_c: condition-invariant images (Figures 8 and 9).
+    """Decode z_p of every frame with one constant z_c: condition-invariant images.
+
+    As Figures 8 and 9 of Oh and Eoh (2021).
 
     Example: everplace show constant runs/cp-vae my-route --frames 1620: --out constant.png
     """
     require_file(out, _PICTURES)
     require_no_frame(out, route)
+    from everplace.experiments.ingredients import named_method
     from everplace.experiments.translations import constant_figure, load_divided
     from everplace.plots.canvas import save_figure
 
-    model = load_divided(run)
+    checkpoint = load_divided(run)
+    label = named_method(checkpoint.model.config.kind, checkpoint.settings())
     chosen = _select(route, conditions, frames, drop_dark, drop_stationary)
-    save_figure(constant_figure(model, chosen, count=count), out)
+    save_figure(constant_figure(checkpoint.model, chosen, count=count, label=label), out)
     show_result({"out": str(out)}, as_json)
 
 
@@ -130,12 +138,14 @@ def translate(
     """
     require_file(out, _PICTURES)
     require_no_frame(out, route)
+    from everplace.experiments.ingredients import named_method
     from everplace.experiments.translations import load_divided, translation_figure
     from everplace.plots.canvas import save_figure
 
-    model = load_divided(run)
+    checkpoint = load_divided(run)
+    label = named_method(checkpoint.model.config.kind, checkpoint.settings())
     chosen = _select(route, conditions, frames, drop_dark, drop_stationary)
-    save_figure(translation_figure(model, chosen, count=count, source=source), out)
+    save_figure(translation_figure(checkpoint.model, chosen, count=count, source=source, label=label), out)
     show_result({"out": str(out)}, as_json)
 
 
@@ -216,8 +226,10 @@ def _evaluated(
     from everplace.data.selection import Selection, parse_frames
     from everplace.describe.registry import open_describer
     from everplace.experiments.evaluation import seen_places, seen_sentence
+    from everplace.experiments.ingredients import named_method
     from everplace.experiments.pictures import match_figure, matrix_figure
     from everplace.experiments.retrieval import Matching, Truth, choose_pair, of_itself_sentence, retrieve, true_matches
+    from everplace.experiments.wording import match_note, pair_words, right_words, score_words
     from everplace.match.standardise import require_standardisable
     from everplace.plots.canvas import save_figure
 
@@ -227,14 +239,21 @@ def _evaluated(
         require_standardisable(describer.method, describer.metric)
     selection = Selection(parse_frames(frames) if frames else None, drop_dark, drop_stationary)
     chosen, pair = choose_pair(open_route(route), query, database, selection, progress)
-    truth, _ = true_matches(chosen, pair, Truth(tolerance, radius))
+    matches, truth = true_matches(chosen, pair, Truth(tolerance, radius))
     if seen := seen_places(describer, chosen):
         warn(f"{seen_sentence(method, seen)} Show others with --frames")
     if pair.of_itself:
         warn(of_itself_sentence(pair))
-    result = retrieve(describer, pair, truth, Matching(how, sequence, search), progress=progress)
-    draw = matrix_figure if what == "matrix" else match_figure
-    save_figure(draw(pair, result, title=result.method), out)
+    matching = Matching(how, sequence, search)
+    result = retrieve(describer, pair, matches, matching, progress=progress)
+    label = named_method(result.method, describer.settings())
+    title = f"{label}: {pair_words(pair.query.name, pair.database.name)}"
+    score = score_words(describer.metric, matching)
+    if what == "matrix":
+        figure = matrix_figure(pair, result, title=title, note=f"right: {right_words(truth)}", score=score)
+    else:
+        figure = match_figure(pair, result, title=title, note=match_note(truth, score))
+    save_figure(figure, out)
     show_result({"out": str(out)}, as_json)
 
 

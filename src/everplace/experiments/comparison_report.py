@@ -10,10 +10,20 @@ from matplotlib.figure import Figure
 from everplace.describe.methods.vae import VAEDescriber
 from everplace.experiments.comparison import COSTS, SCORES, Cell, Comparison
 from everplace.experiments.comparison_parts import PairResult, keep_pictures
+from everplace.experiments.ingredients import named_method
 from everplace.experiments.latent_report import audit_section, latent_section
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.pictures import match_figure, matrix_figure
 from everplace.experiments.retrieval import pair_of
+from everplace.experiments.wording import (
+    match_caption,
+    match_note,
+    matching_words,
+    matrix_caption,
+    pair_words,
+    right_words,
+    score_words,
+)
 from everplace.files import json_text, write_json, write_text
 from everplace.locking import locked
 from everplace.plots.canvas import new_figure, save_figure
@@ -43,10 +53,13 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
         StorageError: Writing failed.
     """
     route = comparison.route
-    subtitle = f"{route.title}: {comparison.places} places, {comparison.truth}, match {comparison.matching}"
+    right, matching = right_words(comparison.truth), matching_words(comparison.matching)
+    subtitle = f"{route.title}: {comparison.places} places, {right}, {matching}"
+    names = _names(comparison)
     report = Report(title, subtitle=subtitle, details=details)
     panels = {
-        pair: {label: one.curve for label, one in results.items()} for pair, results in comparison.results.items()
+        pair: {names[label]: one.curve for label, one in results.items()}
+        for pair, results in comparison.results.items()
     }
     columns = max(2, min(_MOST_COLUMNS, len(route.traverses) - 1))  # a row holds one query condition
     figure = new_figure(max(10.0, 1.9 * columns))
@@ -59,12 +72,12 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
         if comparison.audits:
             section = report.section("Leakage audit")
             _say_remarks(section, comparison)
-            audit_section(section, comparison.audits)
+            audit_section(section, {names[label]: one for label, one in comparison.audits.items()})
         pictures: list[str] = []
         for label, describer in comparison.describers.items():
             if isinstance(describer, VAEDescriber) and route.aligned:
-                section = report.section(f"What the latent of {label} holds")
-                pictures += latent_section(section, describer, route, out, f"{label}-")
+                section = report.section(f"What the latent of {names[label]} holds")
+                pictures += latent_section(section, describer, route, out, f"{label}-", label=names[label])
         keep_pictures(out, pictures)
         _how(report, comparison)
         write_text(out / "table.md", _markdown(comparison))
@@ -87,7 +100,8 @@ def _summary(report: Report, comparison: Comparison, panels: Figure) -> None:
     section.figure(
         panels,
         alt=f"Precision-recall curves of {len(comparison.methods)} methods, a panel for each ordered pair.",
-        caption="Precision-recall curves: the frames of one condition looked for in another.",
+        caption="Precision-recall curves. Above each panel: query → database, the frames of the first condition looked "
+        "for among those of the second. A dot marks the end of a curve, where every proposal counts.",
     )
 
 
@@ -107,11 +121,13 @@ def _pair_section(
 ) -> None:
     query, database = names
     pair = pair_of(comparison.route, query, database)
-    section = report.section(f"{query} against {database}")
+    section = report.section(_capitalised(pair_words(query, database)))
+    shown = _names(comparison)
     areas = {label: one.scores.auc_pr for label, one in results.items()}
+    named = {shown[label]: area for label, area in areas.items()}
     section.chart(
-        precision_recall_figure({label: one.curve for label, one in results.items()}, areas=areas),
-        alt="Precision-recall curves: " + ", ".join(f"{label} {area:.3f}" for label, area in areas.items()) + ".",
+        precision_recall_figure({shown[label]: one.curve for label, one in results.items()}, areas=named),
+        alt="Precision-recall curves: " + ", ".join(f"{label} {area:.3f}" for label, area in named.items()) + ".",
         caption="Best match of each query; the legend gives the area under the curve.",
     )
     header, rows = comparison.table(names)
@@ -119,19 +135,30 @@ def _pair_section(
     _say_remarks(section, comparison)
     many = len(comparison.results) > _FEW_PAIRS
     for label in _shown(comparison, areas)[-1 if many else 0 :]:
-        retrieval = comparison.retrieval(pair, label)
+        retrieval, truth = comparison.retrieval(pair, label), comparison.truth
+        title = f"{shown[label]}: {pair_words(query, database)}"
+        score = score_words(comparison.describers[label].metric, comparison.matching)
         section.figure(
-            matrix_figure(pair, retrieval, title=label),
-            alt=f"Similarity matrix of {label}.",
-            caption="Similarity matrix",
+            matrix_figure(pair, retrieval, title=title, note=f"right: {right_words(truth)}", score=score),
+            alt=f"Similarity matrix of {title}.",
+            caption=matrix_caption(query, database, truth, score),
             dpi=96 if many else 192,
         )
         section.figure(
-            match_figure(pair, retrieval, title=label, count=4 if many else 8),
-            alt=f"Matches of {label}.",
-            caption="Right and wrong matches",
+            match_figure(pair, retrieval, title=title, note=match_note(truth, score), count=4 if many else 8),
+            alt=f"Matches of {title}.",
+            caption=match_caption(truth, score),
             dpi=96 if many else 192,
         )
+
+
+def _names(comparison: Comparison) -> dict[str, str]:
+    """By label, what pictures call each method."""
+    return {label: named_method(label, one.settings()) for label, one in comparison.describers.items()}
+
+
+def _capitalised(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
 def _shown(comparison: Comparison, areas: Mapping[str, float]) -> list[str]:
@@ -141,12 +168,13 @@ def _shown(comparison: Comparison, areas: Mapping[str, float]) -> list[str]:
 
 
 def _markdown(comparison: Comparison) -> str:
-    lines = [f"{comparison.route.title}, {comparison.truth}, match {comparison.matching}", ""]
+    right, matching = right_words(comparison.truth), matching_words(comparison.matching)
+    lines = [f"{comparison.route.title}: {right}, {matching}", ""]
     if len(comparison.results) > 2:
         lines += ["**Mean over all ordered pairs**", "", *_markdown_table(*comparison.table()), ""]
     for query, database in comparison.results:
         table = comparison.table((query, database))
-        lines += [f"**{query} against {database}**", "", *_markdown_table(*table), ""]
+        lines += [f"**{_capitalised(pair_words(query, database))}**", "", *_markdown_table(*table), ""]
     lines += [f"{remark}  " for remark in comparison.remarks]
     lines += [f"{method} was left out: {reason}  " for method, reason in comparison.left_out.items()]
     lines += [f"{note}  " for note in comparison.notes]

@@ -16,11 +16,12 @@ from everplace.describe.registry import open_describer
 from everplace.experiments.comparison import compare_methods
 from everplace.experiments.comparison_report import write_comparison
 from everplace.experiments.fitting import Methods, fit, run_of
+from everplace.experiments.ingredients import named_method
 from everplace.experiments.manifest import open_study
 from everplace.experiments.retrieval import Matching, Truth
 from everplace.model.checkpoint import load_checkpoint
 from everplace.plots.canvas import new_figure
-from everplace.plots.training import draw_training
+from everplace.plots.training import TRAINING_CAPTION, draw_training
 from everplace.progress import Progress, quiet
 from everplace.training.methods import build_config
 from everplace.training.metrics import read_metrics
@@ -111,6 +112,9 @@ def run_demo(
     for label, metrics in curves.items():
         figure = new_figure(10)
         draw_training(figure, metrics, chosen=chosen[label])
-        report.section(f"Training of {label}").figure(figure, alt=f"Terms of the bound of {label} over the epochs.")
+        named = named_method(label, describers[label].settings())
+        report.section(f"Training of {named}").figure(
+            figure, alt=f"Terms of the bound of {named} over the epochs.", caption=TRAINING_CAPTION
+        )
     report.write(out / "report.html")
     return comparison.metrics()

@@ -13,15 +13,26 @@ from everplace.data.selection import Selection
 from everplace.describe.methods.vae import VAEDescriber
 from everplace.describe.protocol import Describer, FittedDescriber
 from everplace.describe.registry import open_describer
-from everplace.experiments.ingredients import ingredient_metrics, named_ingredients
+from everplace.experiments.ingredients import ingredient_metrics, named_ingredients, named_method
 from everplace.experiments.latent_report import LATENT_PICTURES, audit_section, latent_section
+from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.pictures import match_figure, matrix_figure
 from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, choose_pair, retrieve, true_matches
+from everplace.experiments.wording import (
+    match_caption,
+    match_note,
+    matching_words,
+    matrix_caption,
+    pair_words,
+    right_words,
+    score_words,
+)
 from everplace.files import remove_file, write_json
 from everplace.match.standardise import require_standardisable
 from everplace.plots.canvas import save_figure
 from everplace.plots.interactive import precision_recall_figure
 from everplace.progress import Progress, quiet
+from everplace.report.blocks import Value
 from everplace.report.html import Report
 from everplace.scoring.audit import Audit, audit
 
@@ -37,6 +48,7 @@ __all__ = [
 
 
 _METRICS = "metrics.json"
+_AT_100 = "recall at 100 % precision"
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +64,7 @@ class Evaluation:
         audit: The leakage audit; None unless the method is of the VAE family and the traverses are aligned.
         describer: The method.
         trained_places: Tested stems that the model was trained on or chosen by.
+        source: The method as it was given, such as the path of a run.
     """
 
     route: Route
@@ -62,6 +75,7 @@ class Evaluation:
     audit: Audit | None
     describer: Describer
     trained_places: int = 0
+    source: str = ""
 
     def metrics(self) -> dict[str, Any]:
         """The content of metrics.json."""
@@ -115,7 +129,7 @@ def evaluate_method(
     result = retrieve(describer, pair, matches, matching, progress=progress)
     audited = audit_pair(describer, chosen, truth, progress)
     seen = seen_places(describer, chosen)
-    return Evaluation(chosen, pair, truth, matching, result, audited, describer, seen)
+    return Evaluation(chosen, pair, truth, matching, result, audited, describer, seen, method)
 
 
 def seen_places(describer: Describer, route: Route) -> int:
@@ -157,14 +171,17 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
         StorageError: Writing failed.
     """
     pair, result = evaluation.pair, evaluation.result
-    matrix = matrix_figure(pair, result)
-    gallery = match_figure(pair, result)
+    asked = pair_words(pair.query.name, pair.database.name)
+    label = named_method(result.method, evaluation.describer.settings())
+    score = score_words(evaluation.describer.metric, evaluation.matching)
+    note = match_note(evaluation.truth, score)
+    title = f"{label}: {asked}"
+    matrix = matrix_figure(pair, result, title=title, note=f"right: {right_words(evaluation.truth)}", score=score)
+    gallery = match_figure(pair, result, title=title, note=note)
     save_figure(matrix, out / "similarity.png")
     save_figure(gallery, out / "matches.png")
-    title = f"{result.method}: {pair.query.name} against {pair.database.name}"
-    report = Report(
-        title, subtitle=f"{evaluation.route.title}, {evaluation.truth}, {evaluation.matching}", details=details
-    )
+    subtitle = f"{evaluation.route.title}: {right_words(evaluation.truth)}, {matching_words(evaluation.matching)}"
+    report = Report(title, subtitle=subtitle, details={"method": evaluation.source, **details})
     section = report.section("Scores")
     named = named_ingredients(evaluation.describer.settings())
     if named is not None:
@@ -173,23 +190,68 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
         section.paragraph(seen_sentence(result.method, evaluation.trained_places))
     section.facts(score_facts(result))
     section.chart(
-        precision_recall_figure({result.method: result.curve}, areas={result.method: result.scores.auc_pr}),
-        alt=f"Precision-recall curve of {result.method}, area {result.scores.auc_pr:.3f}.",
-        caption="Each query proposes its best database frame; the threshold sweeps over all distinct scores.",
+        precision_recall_figure({label: result.curve}, areas={label: result.scores.auc_pr}),
+        alt=f"Precision-recall curve of {label}, {asked}: area {result.scores.auc_pr:.3f}.",
+        caption="Each query proposes its best database frame; the threshold sweeps over all distinct scores. The "
+        "legend gives the area under the curve.",
     )
-    report.section("Similarity matrix").figure(matrix, alt="Similarity of every query to every database frame.")
-    report.section("Matches").figure(gallery, alt="Queries, the proposed frames and the true ones.")
+    report.section("Similarity matrix").figure(
+        matrix,
+        alt=f"Similarity of every query to every database frame: {title}.",
+        caption=matrix_caption(pair.query.name, pair.database.name, evaluation.truth, score),
+    )
+    report.section("Matches").figure(
+        gallery,
+        alt=f"Queries, the proposed frames and the true ones: {title}.",
+        caption=match_caption(evaluation.truth, score),
+    )
     if evaluation.audit is not None:
-        audit_section(report.section("Leakage audit"), {result.method: evaluation.audit})
+        audit_section(report.section("Leakage audit"), {label: evaluation.audit})
     pictures: list[str] = []
     if isinstance(evaluation.describer, VAEDescriber) and evaluation.route.aligned:
         section = report.section("What the latent holds")
-        pictures = latent_section(section, evaluation.describer, evaluation.route, out)
+        pictures = latent_section(section, evaluation.describer, evaluation.route, out, label=label)
+    section = report.section("How it was measured")
+    section.table(["what", "definition"], _how(evaluation))
     if (out / _METRICS).is_file():  # of an earlier evaluation, perhaps of another method
         for name in set(LATENT_PICTURES) - set(pictures):
             remove_file(out / name)
     report.write(out / "report.html")
     write_json(out / _METRICS, evaluation.metrics())
+
+
+def _how(evaluation: Evaluation) -> list[list[Value]]:
+    """What was evaluated, and a definition of each number of `score_facts`."""
+    pair, settings = evaluation.pair, evaluation.describer.settings()
+    named = named_ingredients(settings)
+    method = f"{evaluation.source} ({evaluation.result.method}{f', {named}' if named else ''})"
+    asked = (
+        f"Each of the {len(pair.query):,} frames of the query {pair.query.name} asks the whole database "
+        f"{pair.database.name}, {len(pair.database):,} frames."
+    )
+    told = {
+        "method": method if evaluation.source != evaluation.result.method else evaluation.source,
+        "query and database": asked,
+        "right": f"A proposed frame counts as right {right_words(evaluation.truth)}.",
+        "match": f"{matching_words(evaluation.matching)}; score: "
+        f"{score_words(evaluation.describer.metric, evaluation.matching)}",
+        # A definition may name another score as the tables of a comparison do.
+        **{name: DEFINITIONS[known].replace("R@100%P", _AT_100) for name, known in _DEFINED.items()},
+    }
+    return [[name, text] for name, text in told.items()]
+
+
+_DEFINED = {
+    "curve": "curve",
+    "recall@N": "recall@N",
+    "auc_pr": "auc_pr",
+    "average precision": "AP",
+    _AT_100: "R@100%P",
+    "extended precision": "EP",
+    "dimension": "dimension",
+    "ms per image": "ms/image",
+}
+"""The names of `score_facts`, and those of the definitions."""
 
 
 def score_facts(result: Retrieval) -> dict[str, float | int]:
@@ -201,7 +263,7 @@ def score_facts(result: Retrieval) -> dict[str, float | int]:
         "recall@10": scores.recall_at["10"],
         "auc_pr": scores.auc_pr,
         "average precision": scores.average_precision,
-        "recall at 100 % precision": scores.recall_at_100_precision,
+        _AT_100: scores.recall_at_100_precision,
         "extended precision": scores.extended_precision,
         "queries": scores.queries,
         "database": scores.database,

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["ingredient_metrics", "named_ingredients"]
+from everplace.training.config import TrainConfig
+
+__all__ = ["ingredient_metrics", "named_ingredients", "named_method"]
 
 _FAITHFUL = "faithful"
+_BEST = "best"
 _INGREDIENTS = ("recipe", "remedies")
 """Where a run's settings say them; see `everplace.model.checkpoint.Checkpoint.settings`."""
 
@@ -27,6 +31,26 @@ def named_ingredients(settings: Mapping[str, Any]) -> str | None:
     if remedies:
         return f"{named}; remedies: {remedies}".removeprefix("; ")
     return named if recipe not in ("", _FAITHFUL) else None
+
+
+def named_method(name: str, settings: Mapping[str, Any]) -> str:
+    """Names a method in a picture, where there is no room for all that `named_ingredients` says.
+
+    Args:
+        name: The method's name, or the label of its run.
+        settings: See `named_ingredients`.
+
+    Returns:
+        The name, with the recipe unless it is the faithful one, and with the remedies that the recipe does not bring,
+        without their numbers: "cp-vae (recipe best)", "cp-vae (adversary on z_p, free bits)".
+    """
+    recipe, remedies = (str(settings.get(key) or "") for key in _INGREDIENTS)
+    # A comma within brackets stands between the numbers of one remedy.
+    used = re.split(r", (?![^(]*\))", remedies) if remedies else []
+    brought = TrainConfig.build(model="cp-vae", recipe=_BEST, epochs=1).remedies_in_use() if recipe == _BEST else []
+    said = [f"recipe {recipe}"] if recipe not in ("", _FAITHFUL) else []
+    said += [re.sub(r" \([^()]*\)", "", one) for one in used if one not in brought]
+    return f"{name} ({', '.join(said)})" if said else name
 
 
 def ingredient_metrics(settings: Mapping[str, Any]) -> dict[str, str]:

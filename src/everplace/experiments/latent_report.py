@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from everplace.data.route import Route
 from everplace.describe.methods.vae import VAEDescriber
+from everplace.experiments.ingredients import named_method
 from everplace.experiments.translations import constant_figure, swap_figure, translation_figure
 from everplace.model.posterior import ACTIVE_ABOVE
 from everplace.plots.audit import draw_bars, draw_divergences
@@ -73,8 +74,18 @@ def audit_section(section: Section, audits: dict[str, Audit]) -> None:
                 section.figure(draw(audit, f"{label}: {title}"), alt=f"{label}: {title}. {caption}", caption=caption)
 
 
-def latent_section(section: Section, describer: VAEDescriber, route: Route, out: Path, prefix: str = "") -> list[str]:
+def latent_section(
+    section: Section, describer: VAEDescriber, route: Route, out: Path, prefix: str = "", *, label: str = ""
+) -> list[str]:
     """Figures 6 to 9 of the paper and a translation strip for a model and a route; the pictures also go into `out`.
+
+    Args:
+        section: Gets the pictures.
+        describer: The method.
+        route: Aligned traverses.
+        out: Gets the files.
+        prefix: Of their names.
+        label: The model's name in the titles; by default its kind, with its recipe and remedies.
 
     Returns:
         The names of the files in `out`, each with the prefix; none for a plain VAE.
@@ -86,29 +97,30 @@ def latent_section(section: Section, describer: VAEDescriber, route: Route, out:
         )
         return []
     route = route.at(route.shared_stems())
+    named = label or named_method(describer.method, describer.settings())
     swap, constant, translation = (
-        swap_figure(model, route),
-        constant_figure(model, route),
-        translation_figure(model, route),
+        swap_figure(model, route, label=named),
+        constant_figure(model, route, label=named),
+        translation_figure(model, route, label=named),
     )
     files = {f"{prefix}{name}": of for name, of in zip(LATENT_PICTURES, (swap, constant, translation), strict=True)}
     for file, figure in files.items():
         save_figure(figure, out / file)
     section.figure(
         swap,
-        alt="Images decoded from z_p of one frame and z_c of another.",
-        caption="As Figures 6 and 7: in each row the place of the frame at its left, in each column the condition of "
-        "the frame at its top; all frames show one place, so all rows should look alike.",
+        alt=f"Images that {named} decodes from z_p of one frame and z_c of another.",
+        caption="As Figures 6 and 7 of Oh and Eoh (2021): in each row the place of the frame at its left, in each "
+        "column the condition of the frame at its top; all frames show one place, so all rows should look alike.",
     )
     section.figure(
         constant,
-        alt="Images decoded with one constant z_c.",
-        caption="As Figures 8 and 9: frames of all conditions, and below each what is decoded from its z_p and one "
-        "z_c; below each other, the decoded images of a place should look alike.",
+        alt=f"Images that {named} decodes with one constant z_c.",
+        caption="As Figures 8 and 9 of Oh and Eoh (2021): frames of all conditions, and below each what is decoded "
+        "from its z_p and one z_c; below each other, the decoded images of a place should look alike.",
     )
     section.figure(
         translation,
-        alt="A frame decoded in every condition, with the true frames of these conditions below.",
+        alt=f"A frame that {named} decodes in every condition, with the true frames of these conditions below.",
         caption="A frame translated into every condition by its z_p and the condition's mean z_c, above the true "
         "frames of the same place.",
     )

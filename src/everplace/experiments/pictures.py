@@ -19,8 +19,16 @@ __all__ = ["match_figure", "matrix_figure"]
 _PICTURE = ImageSpec()
 
 
-def match_figure(pair: Pair, result: Retrieval, *, count: int = 8, title: str = "") -> Figure:
-    """A gallery of right and wrong matches, half of each where there are enough, spread over the route."""
+def match_figure(pair: Pair, result: Retrieval, *, count: int = 8, title: str = "", note: str = "") -> Figure:
+    """A gallery of right and wrong matches, half of each where there are enough, spread over the route.
+
+    Args:
+        pair: The traverses.
+        result: Of this pair.
+        count: Matches at most.
+        title: Written above.
+        note: Written below the title; see `everplace.experiments.wording.match_note`.
+    """
     best = result.similarity.argmax(axis=1)
     right = result.truth[np.arange(len(best)), best]
     groups = [np.flatnonzero(right), np.flatnonzero(~right)]
@@ -29,16 +37,28 @@ def match_figure(pair: Pair, result: Retrieval, *, count: int = 8, title: str = 
     chosen = [group[spread(len(group), n)] for group, n in zip(groups, wanted, strict=True) if len(group)]
     matches = [_match(pair, result, int(query), int(best[query])) for group in chosen for query in group]
     figure = new_figure(10)
-    draw_matches(figure, matches[:count], title=title)
+    draw_matches(figure, matches[:count], title=title, note=note)
     return figure
 
 
-def matrix_figure(pair: Pair, result: Retrieval, *, title: str = "") -> Figure:
-    """The similarity matrix with the truth and the best matches."""
+def matrix_figure(
+    pair: Pair, result: Retrieval, *, title: str = "", note: str = "", score: str = "similarity"
+) -> Figure:
+    """The similarity matrix with the truth and the best matches.
+
+    Args:
+        pair: The traverses.
+        result: Of this pair.
+        title: Written above.
+        note: Written below the title.
+        score: What the numbers are; see `everplace.experiments.wording.score_words`.
+    """
     figure, axes = new_axes(6.4, 5.6)
     draw_similarity(
-        axes, result.similarity, result.truth, query=pair.query.name, database=pair.database.name, title=title
-    )
+        axes, result.similarity, result.truth, query=f"query {pair.query.name}",
+        database=f"database {pair.database.name}", query_names=pair.query.stems, database_names=pair.database.stems,
+        score=score, title=title, note=note,
+    )  # fmt: skip
     return figure
 
 

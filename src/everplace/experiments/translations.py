@@ -15,7 +15,7 @@ from everplace.data.selection import spread
 from everplace.data.traverse import Traverse
 from everplace.errors import CheckpointError, RouteError
 from everplace.files import readable
-from everplace.model.checkpoint import load_checkpoint
+from everplace.model.checkpoint import Checkpoint, load_checkpoint
 from everplace.model.checkpoint_kind import kind_of_run
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.config import LABELLED_KINDS
@@ -27,11 +27,14 @@ from everplace.scoring.audit import encode_frames
 
 __all__ = ["constant_figure", "load_divided", "swap_figure", "translation_figure"]
 
+_TITLED = 5.6
+"""Inches that a title with the name of a run needs."""
+
 _AVERAGED = 256
 """Frames that a mean z_c is taken over: more move it by less than anybody can see."""
 
 
-def load_divided(run: str) -> ConditionVAE:
+def load_divided(run: str) -> Checkpoint:
     """Reads the model of a run directory whose latent has a z_p and a z_c.
 
     Raises:
@@ -43,16 +46,17 @@ def load_divided(run: str) -> ConditionVAE:
             f"{readable(run)} is a run of {kind}, which has no z_p and z_c to put together anew; "
             "give the run of a c-vae or a cp-vae"
         )
-    return load_checkpoint(run).model
+    return load_checkpoint(run)
 
 
-def swap_figure(model: ConditionVAE, route: Route, place: int | None = None) -> Figure:
+def swap_figure(model: ConditionVAE, route: Route, place: int | None = None, *, label: str = "") -> Figure:
     """Figures 6 and 7: {z_p of frame a, z_c of frame b}, for one place seen in all conditions.
 
     Args:
         model: A trained C-VAE or CP-VAE.
         route: Aligned traverses.
         place: Position of the place; the middle one by default.
+        label: The model's name, written before the title.
 
     Raises:
         RouteError: The traverses share no place, or there is no such place.
@@ -68,15 +72,15 @@ def swap_figure(model: ConditionVAE, route: Route, place: int | None = None) -> 
     latents = encode_frames(model, frames)
     rows = [list(_decode(model, np.broadcast_to(z_p, (len(frames), len(z_p))), latents.z_c)) for z_p in latents.z_p]
     labels = [traverse.name for traverse in route.traverses]
-    figure = new_figure(1.6 + 1.5 * len(labels))
+    figure = new_figure(max(_TITLED, 1.6 + 1.5 * len(labels)))
     draw_swap_grid(
         figure, rows, list(frames), list(frames), place_labels=labels, condition_labels=labels,
-        title=f"place {route.traverses[0].stems[position]} with z_p and z_c swapped",
+        title=_titled(label, f"place {route.traverses[0].stems[position]} with z_p and z_c swapped"),
     )  # fmt: skip
     return figure
 
 
-def constant_figure(model: ConditionVAE, route: Route, *, count: int = 4) -> Figure:
+def constant_figure(model: ConditionVAE, route: Route, *, count: int = 4, label: str = "") -> Figure:
     """Figures 8 and 9: condition-invariant images, {z_p of each frame, one constant z_c}.
 
     The constant is the mean z_c of the first traverse's frames.
@@ -85,6 +89,7 @@ def constant_figure(model: ConditionVAE, route: Route, *, count: int = 4) -> Fig
         model: A trained C-VAE or CP-VAE.
         route: Aligned traverses.
         count: Places to show.
+        label: The model's name, written before the title.
 
     Raises:
         RouteError: The traverses share no place.
@@ -100,12 +105,14 @@ def constant_figure(model: ConditionVAE, route: Route, *, count: int = 4) -> Fig
     figure = new_figure(10)
     draw_constant_grid(
         figure, list(flat), list(decoded), labels=labels, columns=len(positions),
-        title=f"z_p of each, mean z_c of {route.traverses[0].name}",
+        title=_titled(label, f"z_p of each, mean z_c of {route.traverses[0].name}"),
     )  # fmt: skip
     return figure
 
 
-def translation_figure(model: ConditionVAE, route: Route, *, count: int = 3, source: str | None = None) -> Figure:
+def translation_figure(
+    model: ConditionVAE, route: Route, *, count: int = 3, source: str | None = None, label: str = ""
+) -> Figure:
     """One frame in every condition, {z_p of the frame, mean z_c of the condition}, above the true frames of these.
 
     Args:
@@ -114,6 +121,7 @@ def translation_figure(model: ConditionVAE, route: Route, *, count: int = 3, sou
             source; its mean z_c is that of all of them.
         count: Places to show.
         source: Traverse, or condition with one traverse, whose frames are translated; the first traverse by default.
+        label: The model's name, written before the title.
 
     Raises:
         RouteError: The traverses share no place, or there is no such traverse.
@@ -138,9 +146,13 @@ def translation_figure(model: ConditionVAE, route: Route, *, count: int = 3, sou
     figure = new_figure(2.4 + 1.5 * len(conditions))
     draw_translations(
         figure, translations, conditions=conditions,
-        title=f"{shown.name} translated: z_p, mean z_c of each",
+        title=_titled(label, f"{shown.name} translated: z_p, mean z_c of each"),
     )  # fmt: skip
     return figure
+
+
+def _titled(label: str, title: str) -> str:
+    return f"{label}: {title}" if label else title
 
 
 def _places(route: Route) -> int:

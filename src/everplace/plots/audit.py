@@ -52,9 +52,18 @@ def draw_bars(
         write_plainly(tick)
     axes.tick_params(axis="y", length=0.0, labelcolor=INK)
     write_plainly(axes.set_xlabel(f"{label} (dashed: {line[0]}, {line[1]:.{digits}f})"))
-    axes.axvline(line[1], color=INK, linestyle="--", linewidth=1.2)
+    axes.axvline(line[1], color=INK, linestyle="--", linewidth=1.2, zorder=2.0)
     for place, value in enumerate(values):
-        axes.text(value + 0.01 * end, place, f"{value:.{digits}f}", va="center", fontsize=8.0, color=INK, bbox=_PAPER)
+        axes.text(
+            value + 0.01 * end,
+            place,
+            f"{value:.{digits}f}",
+            va="center",
+            fontsize=8.0,
+            color=INK,
+            bbox=_PAPER,
+            zorder=4.0,
+        )
     return drawn
 
 
@@ -89,10 +98,10 @@ def draw_divergences(axes: Axes, blocks: Mapping[str, Sequence[float]], *, activ
     ]
     set_legend(
         axes, [*lines, threshold], [*names, f"active above {active_above:g}"],
-        loc="upper right", frameon=True, framealpha=0.85,
+        loc="upper left", bbox_to_anchor=(1.0, 1.0),  # a curve may run anywhere inside
     )  # fmt: skip
     return lines
 
 
-_PAPER: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.8}
+_PAPER: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 1.2}
 """Behind a value, so that the line does not run through it."""

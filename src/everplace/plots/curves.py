@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -132,7 +132,9 @@ def draw_precision_recall_panels(
     looks = line_looks(label for curves in panels.values() for label in curves)
     width = float(figure.get_figwidth())
     # A panel is about as high as wide; the legend takes a line for every few names.
-    figure.set_size_inches(width, rows * (width / max(columns, 2)) * 0.9 + 0.22 * math.ceil(len(looks) / 4) + 0.15)
+    entries = _balanced(list(looks), width)
+    lines_below = math.ceil(len(looks) / entries)
+    figure.set_size_inches(width, rows * (width / max(columns, 2)) * 0.9 + 0.22 * lines_below + 0.15)
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     every: list[Axes] = list(grid.flat)
     for axes in every[len(panels) :]:
@@ -140,7 +142,7 @@ def draw_precision_recall_panels(
     drawn = every[: len(panels)]
     handles: dict[str, Line2D] = {}
     for place, (axes, ((query, database), curves)) in enumerate(zip(drawn, panels.items(), strict=True)):
-        lines = draw_precision_recall(axes, curves, looks=looks, title=f"{query} in {database}", legend=False)
+        lines = draw_precision_recall(axes, curves, looks=looks, title=f"{query} → {database}", legend=False)
         handles |= {label: line for label, line in zip(curves, lines, strict=True) if label not in handles}
         # The axes are shared: only the panels at the left and at the bottom carry words and numbers.
         lowest = place + columns >= len(panels)
@@ -148,8 +150,15 @@ def draw_precision_recall_panels(
         axes.set_ylabel("precision" if place % columns == 0 else "")
         axes.tick_params(labelbottom=lowest, labelleft=place % columns == 0)
     if handles:
-        set_legend(figure, list(handles.values()), list(handles), loc="outside lower center", ncols=4)
+        set_legend(figure, list(handles.values()), list(handles), loc="outside lower center", ncols=entries)
     return drawn
+
+
+def _balanced(labels: Sequence[str], width: float) -> int:
+    """How many entries stand beside each other in a legend of `width` inches, so that its lines are about equal."""
+    longest = max((len(label) for label in labels), default=0)
+    most = max(1, int(width / (0.6 * longest * 8.0 / 72.0 + 0.6)))  # a line and a gap beside each text
+    return max(1, math.ceil(len(labels) / max(1, math.ceil(len(labels) / most))))
 
 
 def _legend_labels(curves: Mapping[str, Curve], areas: Mapping[str, float] | None) -> list[str]:

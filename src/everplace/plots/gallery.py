@@ -19,6 +19,7 @@ _EDGE = 0.12
 _GAP = 0.08
 _BETWEEN = 0.3
 _TITLE = 0.3
+_NOTE = 0.2
 _HEADING = 0.22
 _CAPTION = 0.38
 
@@ -49,7 +50,9 @@ class Match:
 
 
 @styled()
-def draw_matches(figure: Figure, matches: Sequence[Match], *, columns: int | None = None, title: str = "") -> Axes:
+def draw_matches(
+    figure: Figure, matches: Sequence[Match], *, columns: int | None = None, title: str = "", note: str = ""
+) -> Axes:
     """Draws query | proposed | true for every match, with its score and whether it is right.
 
     Right and wrong differ by colour, by the word and its sign, and by the line around the proposal (solid or
@@ -60,6 +63,7 @@ def draw_matches(figure: Figure, matches: Sequence[Match], *, columns: int | Non
         matches: In the order of rows, left to right; none at all gives a picture that says so.
         columns: Matches beside each other; by default one for up to three matches, else two.
         title: Written above.
+        note: Written below the title, smaller: which matches count as right, and what their numbers are.
 
     Returns:
         The axes, in inches, with three images a match (two where there is no true frame).
@@ -70,11 +74,14 @@ def draw_matches(figure: Figure, matches: Sequence[Match], *, columns: int | Non
     cell = (group - 2 * _GAP) / 3
     tallest = max((match.query.shape[0] / match.query.shape[1] for match in matches), default=0.0)
     height = cell * min(tallest, 1.5)  # a very tall image is drawn narrower rather than over the whole page
-    top = _EDGE + (_TITLE if title else 0.0)
+    under_title = _EDGE + (_TITLE if title else 0.0)
+    top = under_title + (_NOTE if note else 0.0)
     rows = math.ceil(len(matches) / columns)
     axes = inch_axes(figure, top + _HEADING + max(rows, 1) * (height + _CAPTION) + _EDGE)
     if title:
         place_text(axes, title, _EDGE, _EDGE, width=width, size=10.0, va="top")
+    if note:
+        place_text(axes, note, _EDGE, under_title - 0.06, width=width, size=8.0, va="top", color=MUTED)
     if not matches:
         place_text(
             axes,

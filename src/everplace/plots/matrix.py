@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis, XAxis
 from matplotlib.collections import LineCollection
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from everplace.errors import DescriptorsError
-from everplace.plots.style import SEQUENTIAL, WRONG, set_legend, styled, write_plainly
+from everplace.plots.style import INK, MUTED, SEQUENTIAL, WRONG, mark_legend, shortened, styled, write_plainly
 
 __all__ = ["draw_similarity", "outline"]
 
@@ -23,8 +26,12 @@ _MOST_CELLS = 2048
 
 _TRUTH = "white"
 _RIGHT_MARK = "#56B4E9"
-_OUTSIDE = {"facecolor": "#5A5A5A", "edgecolor": "none", "labelcolor": "white"}
-"""The legend's box is dark, because its marks are made to be seen on the dark end of the colour map."""
+_SIDE = 1.0
+_UNDER = 1.2
+"""Inches for the name of a frame beside the matrix and below it."""
+
+_LEVEL = 7
+"""Names with more characters than this would touch each other below the matrix, so they are slanted."""
 
 
 @styled()
@@ -36,7 +43,11 @@ def draw_similarity(
     best: bool = True,
     query: str = "query",
     database: str = "database",
+    query_names: Sequence[str] = (),
+    database_names: Sequence[str] = (),
+    score: str = "similarity",
     title: str = "",
+    note: str = "",
 ) -> AxesImage:
     """Draws a similarity matrix as an image, rows = queries.
 
@@ -48,13 +59,17 @@ def draw_similarity(
             (with no truth: a dot).
         query: Name of the query traverse.
         database: Name of the database traverse.
+        query_names: M names of frames, of which a few stand at the side; without them rows are counted from 0.
+        database_names: N names, likewise.
+        score: What the numbers are, written beside the colours.
         title: Written above.
+        note: Written between the title and the matrix, smaller.
 
     Returns:
         The image, whose colour scale stands beside it.
 
     Raises:
-        DescriptorsError: `S` is empty, or `truth` has another shape.
+        DescriptorsError: `S` is empty, or `truth` or the names do not fit it.
     """
     scores = np.asarray(S)
     if scores.ndim != 2 or scores.size == 0:
@@ -65,6 +80,11 @@ def draw_similarity(
             "make both from the same frames"
         )
     M, N = scores.shape
+    if len(query_names) not in (0, M) or len(database_names) not in (0, N):
+        raise DescriptorsError(
+            f"{len(query_names)} and {len(database_names)} names do not fit a similarity matrix of shape {(M, N)}; "
+            "give one a row and one a column"
+        )
     shown, (down, across) = _averaged(scores)
     image = axes.imshow(
         shown,
@@ -77,13 +97,12 @@ def draw_similarity(
     axes.set_xlim(-0.5, N - 0.5)
     axes.set_ylim(M - 0.5, -0.5)
     # An inset is as high as the matrix, whatever room its square cells leave in the figure.
-    axes.figure.colorbar(image, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label="similarity")
+    axes.figure.colorbar(image, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label=score)
     write_plainly(axes.set_xlabel(f"frame of {database}"), axes.set_ylabel(f"frame of {query}"))
-    for side in (axes.xaxis, axes.yaxis):
-        side.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    if title:
-        write_plainly(axes.set_title(title, fontsize=10.0))
-    _draw_marks(axes, scores, truth, best=best)
+    _write_ticks(axes.yaxis, query_names, _SIDE)
+    slanted = _write_ticks(axes.xaxis, database_names, _UNDER)
+    _write_above(axes, title, note)
+    _draw_marks(axes, scores, truth, best=best, below=40.0 + slanted)
     return image
 
 
@@ -117,7 +136,43 @@ def _averaged(scores: NDArray[Any]) -> tuple[NDArray[Any], tuple[int, int]]:
     return scores, steps
 
 
-def _draw_marks(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_] | None, *, best: bool) -> None:
+def _write_ticks(side: Axis, names: Sequence[str], room: float) -> float:
+    """Writes a few names of frames at an axis, each in `room` inches, or lets it count where there are none.
+
+    Returns:
+        Points that names below the matrix need more than numbers, because they are slanted; 0 at its side.
+    """
+    if not names:
+        side.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+        return 0.0
+    locator = MaxNLocator(nbins=7, integer=True, min_n_ticks=1)
+    places = [int(place) for place in locator.tick_values(0, len(names) - 1) if 0 <= place < len(names)]
+    size = 8.0
+    side.set_ticks(places, [shortened(names[place], room, size) for place in places])
+    labels = side.get_ticklabels()
+    write_plainly(*labels)
+    longest = max(len(label.get_text()) for label in labels)
+    if not isinstance(side, XAxis) or longest <= _LEVEL:
+        return 0.0
+    for label in labels:
+        label.set(rotation=30.0, ha="right", rotation_mode="anchor")
+    return 0.3 * size * longest  # half of a text's length, at 30 degrees, of 0.6 em a character
+
+
+def _write_above(axes: Axes, title: str, note: str) -> None:
+    """Writes the title over the note, each only where there is one."""
+    if title:
+        write_plainly(axes.set_title(title, fontsize=10.0, pad=20.0 if note else None))
+    if note:
+        write_plainly(
+            axes.annotate(
+                note, (0.5, 1.0), (0.0, 6.0), xycoords="axes fraction", textcoords="offset points",
+                ha="center", va="bottom", fontsize=8.0, color=MUTED,
+            )
+        )  # fmt: skip
+
+
+def _draw_marks(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_] | None, *, best: bool, below: float) -> None:
     """Marks truth and best matches, and explains the marks below the matrix."""
     marks: dict[str, Artist] = {}
     if truth is not None:
@@ -125,16 +180,15 @@ def _draw_marks(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_] | Non
     if best:
         marks |= _draw_best(axes, scores, truth)
     if marks:
-        set_legend(
-            axes, list(marks.values()), list(marks), ncols=len(marks), frameon=True, **_OUTSIDE,
-            loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0,
-        )  # fmt: skip
+        mark_legend(axes, marks, below=below)
 
 
 def _draw_truth(axes: Axes, truth: NDArray[np.bool_]) -> Artist:
     """Outlines the true cells, thinner the more of them there are."""
-    width = float(np.clip(60.0 / max(truth.shape), 0.5, 1.4))
-    axes.add_collection(LineCollection(list(outline(truth)), colors=_TRUTH, linewidths=width), autolim=False)
+    width = float(np.clip(100.0 / max(truth.shape), 0.4, 1.2))
+    lines = LineCollection(list(outline(truth)), colors=_TRUTH, linewidths=width, capstyle="projecting")
+    lines.set_path_effects(_dark_edge(width))
+    axes.add_collection(lines, autolim=False)
     return Line2D([], [], color=_TRUTH, linewidth=1.4)
 
 
@@ -143,18 +197,19 @@ def _draw_best(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_] | None
     M = len(scores)
     queries = np.arange(M)
     proposed = scores.argmax(axis=1)
-    size = float(np.clip(240.0 / M, 2.4, 7.0))
-    edge = float(np.clip(size / 5.0, 0.5, 1.3))
+    # Right matches lie close together within the outline, which they must not cover; wrong ones lie apart.
+    size = float(np.clip(400.0 / M, 2.4, 7.0))
+    apart = float(np.clip(800.0 / M, 4.5, 8.0))
     if truth is None:
-        kinds = {"best match": (np.ones(M, dtype=bool), ".", WRONG, WRONG)}
+        kinds = {"best match": (np.ones(M, dtype=bool), ".", WRONG, WRONG, apart)}
     else:
         right = truth[queries, proposed]
         kinds = {
-            "best match, right": (right, "o", _RIGHT_MARK, "none"),
-            "best match, wrong": (~right, "x", WRONG, WRONG),
+            "best match, right": (right, "o", _RIGHT_MARK, "none", size),
+            "best match, wrong": (~right, "x", WRONG, WRONG, apart),
         }
     marks: dict[str, Artist] = {}
-    for name, (here, shape, colour, fill) in kinds.items():
+    for name, (here, shape, colour, fill, points) in kinds.items():
         if here.any():
             look: dict[str, Any] = {
                 "marker": shape,
@@ -162,6 +217,15 @@ def _draw_best(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_] | None
                 "markerfacecolor": fill,
                 "linestyle": "none",
             }
-            axes.plot(proposed[here], queries[here], markersize=size, markeredgewidth=edge, label=name, **look)
+            edge = float(np.clip(points / 5.0, 0.5, 1.3))
+            (drawn,) = axes.plot(
+                proposed[here], queries[here], markersize=points, markeredgewidth=edge, label=name, **look
+            )
+            drawn.set_path_effects(_dark_edge(edge))
             marks[name] = Line2D([], [], markersize=6.0, markeredgewidth=1.2, **look)
     return marks
+
+
+def _dark_edge(width: float) -> list[AbstractPathEffect]:
+    """Sets a line of so many points off from the bright end of the colour map; a thin one would drown in its edge."""
+    return [withStroke(linewidth=width + float(np.clip(2.0 * width - 0.8, 0.0, 0.9)), foreground=INK)]

@@ -11,12 +11,11 @@ from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from everplace.plots.matrix import draw_similarity
-from everplace.plots.style import WRONG, set_legend, styled
+from everplace.plots.style import WRONG, mark_legend, styled
 
 __all__ = ["draw_path"]
 
 _PATH = "white"
-_OUTSIDE = {"facecolor": "#5A5A5A", "edgecolor": "none", "labelcolor": "white"}
 
 
 @styled()
@@ -57,7 +56,4 @@ def draw_path(
     # Frames are counted as the drives count them.
     for axis, stride in ((axes.yaxis, strides[0]), (axes.xaxis, strides[1])):
         axis.set_major_formatter(FuncFormatter(lambda value, _, stride=stride: f"{value * stride:g}"))
-    set_legend(
-        axes, list(marks.values()), list(marks), ncols=len(marks), frameon=True, **_OUTSIDE,
-        loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0,
-    )  # fmt: skip
+    mark_legend(axes, marks)

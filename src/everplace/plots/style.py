@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -30,6 +30,7 @@ __all__ = [
     "WRONG_TEXT",
     "LineLook",
     "line_looks",
+    "mark_legend",
     "polish",
     "set_legend",
     "shortened",
@@ -169,3 +170,23 @@ def set_legend(owner: Axes | Figure, handles: Sequence[Artist], labels: Sequence
         write_plainly(text)
         text.set_text(label)
     return legend
+
+
+def mark_legend(axes: Axes, marks: Mapping[str, Artist], *, below: float = 40.0) -> Legend:
+    """Explains marks that lie on a picture in the colours of `SEQUENTIAL`, in a dark box below it.
+
+    The box is dark because such marks are made to be seen on the dark end of the colour map.
+
+    Args:
+        axes: Where the marks are.
+        marks: At least one: the text and the artist of each.
+        below: Points from the lower edge of the axes to the box, room for the labels of the axis.
+
+    Returns:
+        The legend.
+    """
+    return set_legend(
+        axes, list(marks.values()), list(marks), ncols=len(marks), frameon=True, facecolor="#5A5A5A", edgecolor="none",
+        labelcolor="white", loc="upper center", bbox_to_anchor=(0.5, 0.0),
+        borderaxespad=below / _SETTINGS["legend.fontsize"],
+    )  # fmt: skip

@@ -124,8 +124,8 @@ def figure_block(figure: Figure, *, alt: str, caption: str, dpi: float) -> str:
         kind, data = "image/png", png_bytes(figure, dpi)
     source = f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
     return (
-        f'<figure><div class="scroll"><img src="{source}" alt="{escaped(alt)}" width="{width}"'
-        f' height="{height}" style="--width:{width}px"></div>{_caption(caption)}</figure>'
+        f'<figure><img src="{source}" alt="{escaped(alt)}" width="{width}" height="{height}">'
+        f"{_caption(caption)}</figure>"
     )
 
 

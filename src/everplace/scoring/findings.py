@@ -13,6 +13,7 @@ _SLIGHT = 0.1
 """A share below this is not worth a word: of the way from chance to 1, of the other block's, of an error."""
 
 _HALF = 0.5
+"""A leak below this share is a slight one: of the way from chance to 1, of the other block's, of an error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +21,7 @@ class Finding:
     """What one part of an audit means.
 
     Attributes:
-        verdict: One or two words, like `healthy`, `leak`, `shortcut` or `collapsed`.
+        verdict: One or two words, like `healthy`, `slight leak`, `leak`, `shortcut` or `collapsed`.
         sentence: What was measured and what follows from it.
     """
 
@@ -44,8 +45,11 @@ def condition_finding(audit: Audit) -> Finding | None:
     if in_z_p and not in_z_c:
         return Finding("wrong block", f"{measured}, so the condition is in z_p instead of z_c.")
     if in_z_p:
-        how = "z_p holds the condition as well" if in_z_p >= _HALF else "some of the condition leaks into z_p"
-        return Finding("leak", f"{measured}, so {how} and the place descriptor changes with it.")
+        if in_z_p < _HALF:
+            how = "some of the condition leaks into z_p and the place descriptor changes a little with it"
+            return Finding("slight leak", f"{measured}, so {how}.")
+        how = "z_p holds the condition as well and the place descriptor changes with it"
+        return Finding("leak", f"{measured}, so {how}.")
     if not in_z_c:
         return Finding("absent", f"{measured}, so neither block holds the condition.")
     if in_z_c < _HALF:
@@ -70,15 +74,17 @@ def place_finding(audit: Audit) -> Finding:
         return Finding("shortcut", f"{measured}, so z_c carries the place and {rest}.")
     if by_z_c <= max(noise, _SLIGHT * by_z_p):
         return Finding("healthy", f"{measured}, so what is known of the place is in z_p and not in z_c.")
-    part = "much" if by_z_c >= _HALF * by_z_p else "some"
-    return Finding("leak", f"{measured}, so the place is in z_p, but z_c carries {part} of it too.")
+    verdict, part = ("leak", "much") if by_z_c >= _HALF * by_z_p else ("slight leak", "some")
+    return Finding(verdict, f"{measured}, so the place is in z_p, but z_c carries {part} of it too.")
 
 
 def divergence_finding(audit: Audit) -> Finding:
     """Whether the blocks are alive.
 
-    The mean KL divergence of z_p bounds from above what a sample of it can tell about the frame, so that P places
-    cannot be told apart with fewer than ln P nats (the mutual information of Hoffman and Johnson 2016, ELBO surgery).
+    The mean KL divergence of a block bounds from above what a sample of it can tell about the frame, so that P places
+    cannot be told apart with fewer than ln P nats of z_p (the mutual information of Hoffman and Johnson 2016, ELBO
+    surgery). In the same way conditions, of which the most frequent has a share s of the frames, cannot be told apart
+    with fewer than -ln s nats of z_c: their entropy is no less.
     """
     sizes = {name: len(values) for name, values in audit.kl_per_dimension.items()}
     active, kl = audit.active_dimensions, audit.kl
@@ -87,22 +93,38 @@ def divergence_finding(audit: Audit) -> Finding:
         f"{active['z_c']} of the {sizes['z_c']} of z_c hold {kl['z_c']:.1f}"
     )
     needed = math.log(audit.places)
-    if active["z_p"] == 0:
-        what = "both blocks are empty" if active["z_c"] == 0 else "z_p is empty and cannot hold the place"
-        return Finding("collapsed", f"{measured}, so {what}.")
-    if kl["z_p"] < needed:
-        return Finding(
-            "collapsed",
-            f"{measured}, so z_p cannot tell {audit.places} places apart, which takes {needed:.1f} nats at least.",
-        )
-    if active["z_c"] == 0:
-        return Finding("collapsed", f"{measured}, so z_p is alive, but z_c is empty and cannot hold the condition.")
+    if active["z_p"] == active["z_c"] == 0:
+        return Finding("collapsed", f"{measured}, so both blocks are empty.")
+    place, condition = _lost_place(audit, needed), _lost_condition(audit)
+    if place:
+        return Finding("collapsed", f"{measured}, so {place}{f', and {condition}' if condition else ''}.")
+    if condition:
+        return Finding("collapsed", f"{measured}, so z_p is alive, but z_c has collapsed: {condition}.")
     if active["z_p"] < _SLIGHT * sizes["z_p"]:
         return Finding("narrow", f"{measured}, so z_p is alive, but most of it is unused.")
     return Finding(
         "healthy",
         f"{measured}, so z_p is alive: telling {audit.places} places apart takes {needed:.1f} nats at least.",
     )
+
+
+def _lost_place(audit: Audit, needed: float) -> str:
+    """Why z_p cannot tell the places apart, which takes `needed` nats; empty where it may."""
+    if audit.active_dimensions["z_p"] == 0:
+        return "z_p is empty and cannot hold the place"
+    if audit.kl["z_p"] < needed:
+        return f"z_p cannot tell {audit.places} places apart, which takes {needed:.1f} nats at least"
+    return ""
+
+
+def _lost_condition(audit: Audit) -> str:
+    """Why z_c cannot tell the conditions apart; empty where it may, or where there is one condition only."""
+    if audit.active_dimensions["z_c"] == 0:
+        return "z_c is empty and cannot hold the condition"
+    needed = -math.log(audit.condition_from_z_c.chance) if audit.condition_from_z_c is not None else 0.0
+    if audit.kl["z_c"] < needed:
+        return f"z_c cannot tell the conditions apart, which takes {needed:.1f} nats at least"
+    return ""
 
 
 def swap_finding(audit: Audit) -> Finding | None:
@@ -122,7 +144,9 @@ def swap_finding(audit: Audit) -> Finding | None:
     if free and not spoilt:
         return Finding("healthy", f"{measured}, so the place in the picture comes from z_p whatever z_c is.")
     if free:
-        return Finding("leak", f"{measured}, so the place in the picture comes from z_p, but some of it from z_c.")
+        much = swap.other_place_z_c > (1.0 + _HALF) * swap.same_place_z_c
+        verdict, part = ("leak", "much") if much else ("slight leak", "some")
+        return Finding(verdict, f"{measured}, so the place in the picture comes from z_p, but {part} of it from z_c.")
     if helped and spoilt:
         return Finding("shortcut", f"{measured}, so the place in the picture comes from z_c and not from z_p.")
     return Finding("no translation", f"{measured}, so {_lost(swap, spoilt=spoilt)}.")
