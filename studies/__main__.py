@@ -142,7 +142,7 @@ def _evaluate(route: Route, protocol: Protocol, method: str) -> list[dict[str, A
 def _table(protocol: Protocol, ledger: dict[str, Any]) -> str:
     lines = []
     for index, (query, database) in enumerate(protocol.pairs):
-        lines += [f"**{query} against {database}**", ""]
+        lines += [f"**Query {query}, database {database}**", ""]
         lines += ["| method | numbers | " + " | ".join(SCORES) + " | training |", "|---" * (len(SCORES) + 3) + "|"]
         for name in (*protocol.variants, *protocol.baselines):
             entries = _entries(ledger, name)
