@@ -429,7 +429,7 @@ def test_what_stands_at_out_is_refused_before_any_image_is_read(
         out.write_text("")
     else:
         out.mkdir()
-        (out / "config.toml").write_text("")
+        (out / "checkpoint.json").write_text("")
     monkeypatch.setattr(fit, "select_route", lambda *_: pytest.fail("the route was read"))
     with pytest.raises(ConfigError, match="run is a file|run already holds a run"):
         train(route, make_config(), out)

@@ -94,7 +94,7 @@ def test_a_damaged_state_is_named(tmp_path: Path) -> None:
         {"epoch": 1.0},
         {"epoch": True},
         {"epoch": -1},
-        {"seconds": float("nan")},
+        {"seconds": "1"},
         {"best_value": "0.5"},
         {"finished": 1},
     ],
@@ -104,6 +104,14 @@ def test_another_kind_of_progress_is_refused(tmp_path: Path, progress: object) -
     path = tmp_path / RESUME / "state.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), "progress": progress}))
     with pytest.raises(CheckpointError, match=f"{RESUME} is not what this version writes"):
+        load_state(tmp_path)
+
+
+def test_a_number_that_json_does_not_have_is_refused(tmp_path: Path) -> None:
+    save_state(tmp_path, RunProgress(), *stepped())
+    path = tmp_path / RESUME / "state.json"
+    path.write_text(path.read_text().replace('"seconds": 0.0', '"seconds": NaN'))
+    with pytest.raises(CheckpointError, match=r"state\.json cannot be read as JSON \(NaN is no number of JSON\)"):
         load_state(tmp_path)
 
 
