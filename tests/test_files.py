@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import socket
 import sys
@@ -12,7 +13,7 @@ from typing import Any
 import pytest
 
 from everplace.errors import ConfigError, StorageError
-from everplace.files import remove_leftovers, whole_directory, whole_file, write_text
+from everplace.files import remove_leftovers, whole_directory, whole_file, write_json, write_text
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no FIFOs in directories")
 
@@ -80,3 +81,16 @@ def test_only_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
     kept = {".notes.part.txt", "a.json", ".x.12-abc.part.json", ".d.12-0123abcd.part"}
     assert {path.name for path in tmp_path.iterdir()} == kept | {"below", "a.b.json", "without_suffix"}
     assert len(list(below.iterdir())) == 6
+
+
+def test_what_of_a_name_is_not_utf8_is_escaped_in_a_text(tmp_path: Path) -> None:
+    write_text(tmp_path / "text", "x\udcff")
+    assert (tmp_path / "text").read_bytes() == b"x\\udcff"
+    write_json(tmp_path / "json", {"name": "x\udcff é"})
+    assert json.loads((tmp_path / "json").read_bytes()) == {"name": "x\udcff é"}
+
+
+def test_a_link_that_leads_to_itself_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    write_text(tmp_path / "loop", "text")
+    assert (tmp_path / "loop").read_text() == "text"

@@ -78,7 +78,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     """
     if is_special(path):
         raise ConfigError(f"{readable(path)} is a device, a FIFO or a socket; choose a file to write to")
-    target = path.resolve() if path.is_symlink() else path  # the link stays one
+    target = Path(os.path.realpath(path)) if path.is_symlink() else path  # the link stays one
     temporary = target.with_name(f".{target.stem}.{os.getpid()}-{secrets.token_hex(4)}.part{target.suffix}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)

@@ -9,6 +9,7 @@ import json
 import os
 import re
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -92,19 +93,37 @@ def test_a_name_that_is_not_utf8_is_printed_escaped(tiny_route: Path, tmp_path: 
         (["data", "align", "{route}", "--by", "images", "--out", "{route}/aligned"], "lies in the route"),
         (["show", "matrix", "{route}", *SAD, "--out", "{route}/summer/0.png"], "lies in a traverse"),
         (["data", "inspect", "{route}", "--sheet", "{route}/summer/0.png"], "lies in a traverse"),
-        (["describe", "sad", "{route}", "--out", "{out}.h5"], "give one of them, such as {route}/summer"),
+        (["describe", "sad", "{route}", "--out", "{out}.h5"], "give one of them, such as {route}/(linked|summer)"),
         (["data", "render", "--out", "{route}/summer/0.png/x"], "cannot be a directory"),
         (["demo", "--out", "{route}/summer/0.png"], "cannot be a directory"),
         (["data", "pack", "{route}", "--cache", "{route}/summer/0.png"], "--cache .* cannot be a directory"),
+        (["data", "pack", "{route}", "--cache", "{route}/cache"], "--cache .* lies in the route"),
+        (["describe", "sad", "{route}/summer", "--out", "{route}/summer/0.png"], "lies in a traverse"),
+        (["evaluate", "{route}", *SAD, "--out", "{route}/linked"], "lies in the route"),
+        (["evaluate", "{route}", *SAD, "--out", "{elsewhere}/x"], "lies in the route"),
+        (["evaluate", "{route}", *SAD, "--out", "{relative}/x"], "lies in the route"),
+        (["data", "inspect", "{route}", "--sheet", "{route}/linked/0.png"], "lies in a traverse"),
+        (["data", "inspect", "{route}", "--sheet", "{relative}/summer/0.png"], "lies in a traverse"),
         (["compare", "{route}", "--methods", "hub:x,sad", "--out", "{out}"], "hub:x names no entry"),
     ],
 )
-def test_no_output_harms_an_input(tiny_route: Path, tmp_path: Path, arguments: list[str], says: str) -> None:
+def test_no_output_harms_an_input(
+    tiny_route: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], says: str
+) -> None:
     def files() -> dict[Path, bytes]:
-        return {path: path.read_bytes() for path in sorted(tiny_route.rglob("*")) if path.is_file()}
+        return {path: path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()}
 
+    elsewhere = tmp_path / "elsewhere"
+    shutil.copytree(tiny_route / "summer", elsewhere)
+    (tiny_route / "linked").symlink_to(elsewhere)
+    monkeypatch.chdir(tmp_path)
     before = files()
-    told = {"route": tiny_route, "out": tmp_path / "out"}
+    told = {
+        "route": tiny_route,
+        "relative": tiny_route.relative_to(tmp_path),
+        "elsewhere": elsewhere,
+        "out": tmp_path / "out",
+    }
     assert re.search(says.format(**told), refused(*(argument.format(**told) for argument in arguments)))
     assert files() == before
 
@@ -114,7 +133,9 @@ def test_matches_do_not_replace_the_descriptors(tiny_route: Path, tmp_path: Path
         assert call("describe", "sad", tiny_route / name, "--out", tmp_path / f"{name}.h5")[0] == 0
     before = (tmp_path / "winter.h5").read_bytes()
     inputs = tmp_path / "summer.h5", tmp_path / "winter.h5"
-    assert "is one of the files to match" in refused("match", *inputs, "--out", tmp_path / "winter.h5")
+    (tmp_path / "link.h5").symlink_to("winter.h5")
+    for out in tmp_path / "winter.h5", tmp_path / "link.h5", tmp_path / "x" / ".." / "winter.h5":
+        assert "is a file that is read" in refused("match", *inputs, "--out", out)
     assert (tmp_path / "winter.h5").read_bytes() == before
 
 

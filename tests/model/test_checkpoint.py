@@ -144,3 +144,11 @@ def test_what_was_seen_and_the_hash_of_the_weights_come_back(tmp_path: Path) -> 
 def test_where_nothing_was_recorded_nothing_was_seen(tmp_path: Path, about: dict[str, Any]) -> None:
     save_checkpoint(tmp_path, small_model("vae"), about)
     assert load_checkpoint(tmp_path).seen_stems == frozenset()
+
+
+def test_a_number_that_json_does_not_have_is_refused(tmp_path: Path) -> None:
+    save_checkpoint(tmp_path, small_model("vae"), {"value": 0.5})
+    path = tmp_path / "checkpoint.json"
+    path.write_text(path.read_text().replace("0.5", "NaN"))
+    with pytest.raises(CheckpointError, match="NaN is no number of JSON"):
+        load_checkpoint(tmp_path)

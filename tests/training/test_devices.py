@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +93,8 @@ def test_each_task_of_a_cluster_job_may_train_a_run_of_its_own(route_path: Path,
     assert first.returncode == 0, first.stderr
     assert json.loads(first.stdout)["run"] == str(tmp_path / "run")
     assert (tmp_path / "run" / "config.toml").is_file()
+    if model == "vae" and find_spec("tensorboard") is not None:
+        assert (tmp_path / "run" / "tensorboard").is_dir()
     assert again.returncode == 2
     assert "already holds a run" in again.stderr
 

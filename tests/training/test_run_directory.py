@@ -44,6 +44,7 @@ def test_a_run_that_failed_before_its_first_state_keeps_nobody_from_another(
     tmp_path: Path, make_config: MakeConfig, resume: bool
 ) -> None:
     prepare_run(tmp_path, make_config(seed=1), resume=False)
+    (tmp_path / RESUME).mkdir()  # killed while it wrote it
     assert prepare_run(tmp_path, make_config(seed=2), resume=resume) is None
     assert "seed = 2" in (tmp_path / CONFIG_FILE).read_text()
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 import torch
+from lightning import LightningModule, Trainer
 
 from everplace.data.route import Route
 from everplace.errors import ConfigError
@@ -18,7 +21,7 @@ from everplace.training import trainer
 from everplace.training.ahead import BatchesAhead
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
-from everplace.training.trainer import bf16_is_fast, own_device, require_devices, torch_settings_kept
+from everplace.training.trainer import _Meeting, bf16_is_fast, own_device, require_devices, torch_settings_kept
 
 MakeConfig = Callable[..., TrainConfig]
 
@@ -122,3 +125,18 @@ def test_a_run_is_the_same_whether_its_batches_are_made_ahead_or_not(
     assert len(made) == 1
     one, other = (load_checkpoint(tmp_path / name).model.state_dict() for name in ("one", "other"))
     assert all(torch.equal(one[name], other[name]) for name in one)
+
+
+def test_python_answers_ctrl_c_again_when_machines_have_met_or_never_meet() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    for met in True, False:
+        meeting = _Meeting(show=False)
+        meeting.wait(cast("Trainer", SimpleNamespace(strategy=None)))
+        assert signal.getsignal(signal.SIGINT) == signal.SIG_DFL
+        if met:
+            meeting.setup(cast("Trainer", SimpleNamespace(strategy=None)), cast("LightningModule", object()), "fit")
+        else:
+            meeting.end()
+        assert signal.getsignal(signal.SIGINT) == before
+        meeting.end()
+        assert signal.getsignal(signal.SIGINT) == before

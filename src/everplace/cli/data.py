@@ -9,7 +9,12 @@ import typer
 
 from everplace.cli import data_align, data_fetch, data_import, data_inspect
 from everplace.cli.options import AnySize, Grey, Json, OutDirectory, RouteArgument
-from everplace.cli.output import require_directory, show_progress, show_result
+from everplace.cli.output import (
+    require_directory,
+    require_outside,
+    show_progress,
+    show_result,
+)
 
 __all__ = ["register"]
 
@@ -72,6 +77,7 @@ def pack(
     """
     if cache is not None:
         require_directory(cache, "--cache")
+        require_outside(cache, route, "--cache")
     from everplace.data.images import ImageSpec
     from everplace.data.pack import pack as pack_traverse
     from everplace.data.route import open_route

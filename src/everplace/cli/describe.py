@@ -8,7 +8,13 @@ from typing import Annotated, Optional
 import typer
 
 from everplace.cli.options import Json, OutFile
-from everplace.cli.output import one_of, require_file, show_progress, show_result
+from everplace.cli.output import (
+    one_of,
+    require_file,
+    require_no_frame,
+    show_progress,
+    show_result,
+)
 from everplace.errors import ConfigError
 from everplace.files import readable
 
@@ -49,6 +55,8 @@ def describe(
     """
     one_of(file_format, "--format", ("everplace", "hloc"))
     require_file(out)
+    if out.suffix.lower() not in (".h5", ".hdf5"):
+        require_no_frame(out, images.parent)
     below = _below(images, image_root)
     from everplace.data.sources.folder import open_traverse
     from everplace.describe.pipeline import describe_traverse

@@ -8,8 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from everplace.cli.options import Json, OutFile, Sequence, SequenceSearch, Standardise
-from everplace.cli.output import one_of, require_file, show_result, warn
-from everplace.errors import ConfigError
+from everplace.cli.output import (
+    one_of,
+    require_file,
+    require_other,
+    show_result,
+    warn,
+)
 from everplace.files import readable
 
 if TYPE_CHECKING:
@@ -47,8 +52,7 @@ def match(
     kind = one_of(file_format, "--format", ("csv", "hloc-pairs", "kapture"))
     require_file(out)
     for given in (database, query):
-        if out.resolve() == given.resolve():
-            raise ConfigError(f"--out {readable(out)} is one of the files to match; name another")
+        require_other(out, given)
     from everplace.describe.descriptors import load_descriptors
     from everplace.match.io import write_matches
     from everplace.match.place_posterior import new_place_summary

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shlex
 import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -23,6 +24,7 @@ __all__ = [
     "require_file",
     "require_no_frame",
     "require_one_length",
+    "require_other",
     "require_outside",
     "show_progress",
     "show_result",
@@ -107,11 +109,8 @@ def require_outside(out: Path, route: Path, option: str = "--out") -> None:
     Raises:
         ConfigError: It lies there, or is the route itself.
     """
-    if out.resolve().is_relative_to(route.resolve()):
-        raise ConfigError(
-            f"{option} {readable(out)} lies in the route {readable(route)}, where it would count as a traverse; name a "
-            "place outside"
-        )
+    if any(_lies_in(out, place) for place in (route, *_directories(route))):
+        raise ConfigError(f"{option} {readable(out)} lies in the route {readable(route)}; name a place outside")
 
 
 def require_no_frame(out: Path, route: Path, option: str = "--out") -> None:
@@ -120,12 +119,33 @@ def require_no_frame(out: Path, route: Path, option: str = "--out") -> None:
     Raises:
         ConfigError: It lies there.
     """
-    folder = out.resolve().parent
-    if folder != route.resolve() and folder.is_relative_to(route.resolve()):
+    if any(_lies_in(out, traverse) for traverse in _directories(route)):
         raise ConfigError(
             f"{option} {readable(out)} lies in a traverse of {readable(route)}, where it would count as a frame or "
             "replace one; name a place outside"
         )
+
+
+def require_other(out: Path, given: Path, option: str = "--out") -> None:
+    """Refuses an output file (`option`) that is a file which is read.
+
+    Raises:
+        ConfigError: It is.
+    """
+    if os.path.realpath(out) == os.path.realpath(given):
+        raise ConfigError(f"{option} {readable(out)} is a file that is read; name another")
+
+
+def _lies_in(path: Path, directory: Path) -> bool:
+    return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(directory))
+
+
+def _directories(route: Path) -> list[Path]:
+    """What may be traverses, which may be links to somewhere else."""
+    try:
+        return [path for path in route.iterdir() if path.is_dir()]
+    except OSError:  # opening the route says what is wrong with it
+        return []
 
 
 def require_one_length(epochs: int | None, minutes: float | None) -> None:

@@ -47,6 +47,11 @@ class TrainedDescriber:
         self._model = _on(checkpoint.model, self._device)
 
     @property
+    def model(self) -> ConditionVAE:
+        """The network in evaluation mode, on the device where it is applied."""
+        return self._model
+
+    @property
     def seen_stems(self) -> frozenset[str]:
         """Stems of the frames that the model was trained on or chosen by."""
         return self.checkpoint.seen_stems

@@ -157,7 +157,7 @@ def audit_pair(describer: Describer, route: Route, truth: Truth, progress: Progr
     spec: ImageSpec = describer.image
     pixels = [pack(traverse, spec, progress=progress).pixels for traverse in route.traverses]
     return audit(
-        describer.checkpoint.model,
+        describer.model,
         pixels,
         truth.tolerance if truth.tolerance is not None else 1,
         conditions=[traverse.condition for traverse in route.traverses],

@@ -90,7 +90,7 @@ def latent_section(
     Returns:
         The names of the files in `out`, each with the prefix; none for a plain VAE.
     """
-    model = describer.checkpoint.model
+    model = describer.model
     if not model.config.labelled:
         section.paragraph(
             f"The latent of a {model.config.kind} has no z_p and z_c, so there is nothing to put together anew."

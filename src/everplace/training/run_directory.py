@@ -16,7 +16,7 @@ from everplace.locking import locked
 from everplace.model.checkpoint import CHECKPOINT_NAME
 from everplace.model.tensor_file import has_tensors
 from everplace.training.config import CONFIG_FILE, FitConfig, read_toml, write_config
-from everplace.training.state import RESUME, ResumeState, load_state
+from everplace.training.state import RESUME, ResumeState, has_state, load_state
 
 __all__ = ["leads", "locked_run", "prepare_run", "require_same_images", "require_usable"]
 
@@ -61,7 +61,7 @@ def require_usable(out: Path, config: FitConfig, resume: bool, processes: int = 
         CheckpointError: The configuration of what should be resumed is damaged.
     """
     # A configuration alone, of a run that failed or was stopped in its first epoch, keeps nobody from another one.
-    began = has_tensors(out, CHECKPOINT_NAME) or (out / RESUME).is_dir()
+    began = has_tensors(out, CHECKPOINT_NAME) or has_state(out)
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out {readable(out)} is a file; name a directory for the run")
     if began and not resume and leads(processes):

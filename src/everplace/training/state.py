@@ -14,7 +14,7 @@ from everplace.errors import CheckpointError
 from everplace.files import readable
 from everplace.model.tensor_file import has_tensors, load_tensors, save_tensors
 
-__all__ = ["RESUME", "ResumeState", "RunProgress", "load_state", "require_fitting", "save_state"]
+__all__ = ["RESUME", "ResumeState", "RunProgress", "has_state", "load_state", "require_fitting", "save_state"]
 
 RESUME = "resume"
 _NAME = "state"
@@ -101,6 +101,11 @@ def save_state(
         for index, state in optimizer.state_dict()["state"].items():
             tensors.update({f"{_OPTIMIZER}{index}.{key}": torch.as_tensor(value) for key, value in state.items()})
     save_tensors(run / RESUME, _NAME, tensors, {"format": _FORMAT, "progress": progress.model_dump(), "images": images})
+
+
+def has_state(run: Path) -> bool:
+    """Whether there is something to resume in a run directory."""
+    return has_tensors(run / RESUME, _NAME)
 
 
 def load_state(run: Path) -> ResumeState | None:

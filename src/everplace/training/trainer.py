@@ -127,8 +127,7 @@ def make_trainer(
             devices=devices,
             num_nodes=nodes,
             strategy="ddp" if processes > 1 else "auto",
-            # A run of one process is not part of the job of several that a cluster's variables may tell of.
-            plugins=LightningEnvironment() if processes == 1 else None,
+            plugins=_alone() if processes == 1 else None,
             precision="bf16-mixed" if bf16_is_fast(device) else "32-true",
             max_epochs=config.epochs - done.epoch if config.epochs is not None else -1,
             gradient_clip_val=GRADIENT_NORM,
@@ -142,6 +141,13 @@ def make_trainer(
         )
 
 
+def _alone() -> LightningEnvironment:
+    """A run of one process, which is not part of the job of several that a cluster's variables may tell of."""
+    environment = LightningEnvironment()
+    environment.set_global_rank(0)  # Lightning took it from those variables, and keeps logs of rank 0 alone
+    return environment
+
+
 class _Meeting(lightning.Callback):
     """Lets Ctrl-C end the wait for processes on other machines, in which Python cannot answer it."""
 
@@ -152,11 +158,11 @@ class _Meeting(lightning.Callback):
     def wait(self, trainer: lightning.Trainer) -> None:
         """Says what is waited for, before the processes meet."""
         environment = getattr(trainer.strategy, "cluster_environment", None)
-        if self._show and environment is not None and trainer.node_rank == 0:
+        if self._show and environment is not None and trainer.node_rank == trainer.local_rank == 0:
             where = f"{environment.main_address}:{environment.main_port}"
             print(
                 f"everplace: waiting at {where} for all {trainer.world_size} processes; start the same command on the "
-                "other machines, with MASTER_ADDR, MASTER_PORT and NODE_RANK set",
+                "other machines, with MASTER_ADDR, MASTER_PORT and NODE_RANK set; Ctrl-C ends it",
                 file=sys.stderr,
                 flush=True,
             )
@@ -165,8 +171,13 @@ class _Meeting(lightning.Callback):
 
     def setup(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, stage: str) -> None:
         """They have met."""
+        self.end()
+
+    def end(self) -> None:
+        """Has Python answer Ctrl-C again."""
         if self._on_interrupt is not None:
             signal.signal(signal.SIGINT, self._on_interrupt)
+            self._on_interrupt = None
 
 
 def _tensorboard(out: Path) -> Logger | None:
@@ -204,11 +215,12 @@ def run_trainer(trainer: lightning.Trainer, module: BoundModule, frames: Trainin
     """
     order.share(trainer.global_rank, trainer.world_size)
     on_interrupt = signal.getsignal(signal.SIGINT)
+    callbacks: list[lightning.Callback] = trainer.callbacks  # type: ignore[attr-defined]
+    meetings = [callback for callback in callbacks if isinstance(callback, _Meeting)]
     try:
         with _quiet_lightning():
-            for callback in trainer.callbacks:  # type: ignore[attr-defined]
-                if isinstance(callback, _Meeting):
-                    callback.wait(trainer)
+            for meeting in meetings:
+                meeting.wait(trainer)
             trainer.fit(module, make_loader(frames, order))
     except SystemExit:
         # Lightning turns Ctrl-C into exit status 1, and has the process ignore the next one; the command line has its
@@ -218,6 +230,9 @@ def run_trainer(trainer: lightning.Trainer, module: BoundModule, frames: Trainin
                 signal.signal(signal.SIGINT, on_interrupt)
             raise KeyboardInterrupt from None
         raise
+    finally:
+        for meeting in meetings:  # also where they never met
+            meeting.end()
 
 
 @contextmanager

@@ -109,5 +109,6 @@ def test_a_directory_without_a_checkpoint_is_one_clear_error(tmp_path: Path) -> 
 
 def test_a_describer_on_another_device_leaves_the_model_where_it_is(tmp_path: Path) -> None:
     model = saved_run(tmp_path, "cp-vae")
-    VAEDescriber(Checkpoint(model), device="meta")
+    describer = VAEDescriber(Checkpoint(model), device="meta")
     assert {parameter.device.type for parameter in model.parameters()} == {"cpu"}
+    assert {parameter.device.type for parameter in describer.model.parameters()} == {"meta"}

@@ -71,8 +71,8 @@ def open_traverse(directory: Path) -> Traverse:
         raise RouteError(f"{readable(directory)} {problem}; give a directory that holds images")
     whole = directory.absolute()
     inner, names = _list(whole)
-    traverses = [name for name in natural_sorted(inner) if _images(_list(whole / name)[1])]
-    if traverses and not _images(names):
+    traverses = [] if _images(names) else [name for name in natural_sorted(inner) if _images(_list(whole / name)[1])]
+    if traverses:
         raise RouteError(
             f"{readable(directory)} holds no images itself, but directories of images; give one of them, such as "
             f"{readable(directory / traverses[0])}"
