@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 import everplace
 
 
@@ -18,6 +20,7 @@ def test_the_lazy_names_are_the_public_names() -> None:
     assert sorted(everplace._HOME) == sorted(everplace.__all__)
 
 
+@pytest.mark.slow
 def test_public_names_stay_when_every_module_was_imported() -> None:
     code = """
 import everplace, importlib, inspect, pkgutil

@@ -156,8 +156,8 @@ main()
 
 def test_a_terminal_without_utf8_gets_escapes() -> None:
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    command = [sys.executable, "-m", "everplace", "evaluate", "é", "--method", "sad", "--query", "a", "--database", "b"]
-    done = subprocess.run([*command, "--out", "x"], capture_output=True, text=True, env=environment, check=False)
+    command = [sys.executable, "-m", "everplace", "data", "inspect", "é"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert done.returncode == 2
     assert done.stderr.startswith("everplace: the route \\xe9 does not exist")
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from tests.experiments.comparing import untrained_run
 
+from everplace import locking
 from everplace.data.route import open_route
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError
@@ -83,7 +84,10 @@ def test_a_bar_in_a_name_begins_no_cell(tiny_route: Path, tmp_path: Path) -> Non
         assert row.count(" |") == len(header)
 
 
-def test_nothing_is_written_while_another_process_writes(tiny_route: Path, tmp_path: Path) -> None:
+def test_nothing_is_written_while_another_process_writes(
+    tiny_route: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(locking, "_SECONDS_TO_LET_GO", 0.2)
     out = tmp_path / "out"
     comparison = written(tiny_route, out, sad="sad")
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
