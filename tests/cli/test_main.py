@@ -162,6 +162,7 @@ def test_a_terminal_without_utf8_gets_escapes() -> None:
     assert done.stderr.startswith("everplace: the route \\xe9 does not exist")
 
 
+@pytest.mark.slow
 def test_a_traverse_against_itself_is_warned_of(tiny_route: Path, tmp_path: Path) -> None:
     arguments: list[str | Path] = [tiny_route, "--method", "sad", "--query", "winter", "--database", "winter"]
     for command, out in (["evaluate"], "out"), (["show", "matrix"], "matrix.png"):

@@ -23,6 +23,7 @@ def test_every_public_name_is_on_the_page(name: str) -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_examples_run_one_after_the_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     world = render_config({"places": 40, "size": (64, 128), "conditions": ("summer", "winter")})
     render_route(tmp_path / "my-route", world, workers=1)

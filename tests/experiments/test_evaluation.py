@@ -50,6 +50,7 @@ def evaluated(route: Path, run: Path, about: dict[str, str], truth: Truth) -> Ev
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("about", "named"),
     [
@@ -73,6 +74,7 @@ def test_recipe_and_remedies_are_named(route: Path, tmp_path: Path, about: dict[
     assert f"{label}: whether the latent is alive" in page
 
 
+@pytest.mark.slow
 def test_the_report_says_how_it_was_measured(route: Path, tmp_path: Path) -> None:
     run = tmp_path / "runs" / "mine"
     write_evaluation(evaluated(route, run, {"recipe": "best"}, Truth(tolerance=2)), tmp_path, details={})
