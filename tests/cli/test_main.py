@@ -300,6 +300,14 @@ def test_an_evaluation_writes_metrics_and_a_report(way: Path) -> None:
         assert (way / "result" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_show_warns_of_places_that_were_trained_on(way: Path, tmp_path: Path) -> None:
+    pair = ["--method", str(way / "run"), "--query", "winter", "--database", "summer", "--out", str(tmp_path / "a.png")]
+    status, _, err = call("show", "matrix", way / "route", *pair)
+    assert status == 0
+    assert re.search(r"\d+ of the tested places carry the names of places that .*run was trained on", err)
+    assert call("show", "matrix", way / "route", *pair, "--frames", "50:")[::2] == (0, "")
+
+
 @pytest.mark.parametrize("what", ["swap", "constant", "translate", "matrix", "matches"])
 def test_show_draws_a_picture(way: Path, tmp_path: Path, what: str) -> None:
     model: list[str | Path] = [way / "run", way / "route", "--frames", "40:"]

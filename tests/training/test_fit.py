@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shutil
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -370,6 +371,20 @@ def test_a_block_that_collapses_is_warned_of_once(
     assert len(messages) == 1
     assert messages[0].startswith("z_p has collapsed in epoch ")
     assert messages[0].endswith(f"try a lower weights.beta_place, a longer warmup_epochs or a higher weights.{remedy}")
+
+
+def test_a_run_that_ends_while_the_divergence_gains_weight_is_warned_of_a_collapse(
+    route: Route, make_config: MakeConfig, tmp_path: Path
+) -> None:
+    config = make_config(epochs=2, warmup_epochs=9.0)
+    split = split_route(route, config)
+    keeper = RunKeeper(tmp_path, config, split, "", RunProgress(), 60.0)
+    row = {"epoch": 2.0, "kl_place": 0.1, "active_place": 0.0, "kl_condition": 5.0, "active_condition": 9.0}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        keeper._warn_of_collapse(row, last=False)
+    with pytest.warns(CollapseWarning, match="z_p has collapsed in epoch 2"):
+        keeper._warn_of_collapse(row, last=True)
 
 
 def test_training_in_bfloat16_keeps_the_bound_in_float32(
