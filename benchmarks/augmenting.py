@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from benchmarks.ratio import Ratio
-from everplace.data.augment import Augmentation, augment, augmentation_rng
+from everplace.training.augment import Augmentation, augment, augmentation_rng
 
 # The largest ratio wanted of each shape: a small image costs about as much as its random generator.
 SHAPES = {(32, 64, 1): 5.0, (224, 224, 3): 1.5}

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.ratio import Ratio
-from everplace.data.images import decode_images
-from everplace.data.render.config import render_config
-from everplace.data.render.route import render_route
-from everplace.data.sources.folder import open_traverse
-from everplace.describe.methods.vae import VAEDescriber
 from everplace.describe.pipeline import describe_traverse
+from everplace.describe.runs.vae import VAEDescriber
+from everplace.images.decoding import decode_images
 from everplace.model.checkpoint import Checkpoint
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.config import ModelConfig
+from everplace.model.model_config import ModelConfig
+from everplace.render.render_config import render_config
+from everplace.render.rendered_route import render_route
+from everplace.route.folder import open_traverse
 
 ROUNDS = 5
 BATCH = 32

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.ratio import Ratio
-from everplace.describe.descriptors import Descriptors
+from everplace.describe.files.descriptors import Descriptors
+from everplace.fabmap.chow_liu import WordCounts, learn_tree
+from everplace.fabmap.fabmap_model import FabMap, FabMapConfig
 from everplace.match.similarity import similarity
-from everplace.model.chow_liu import WordCounts, learn_tree
-from everplace.model.fabmap import FabMap, FabMapConfig
 
 FRAMES = 6400
 BLOCK = 256

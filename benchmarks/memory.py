@@ -11,8 +11,8 @@ from pathlib import Path
 import psutil
 
 from benchmarks.ratio import Ratio
-from everplace.data.render.config import render_config
-from everplace.data.render.route import render_route
+from everplace.render.render_config import render_config
+from everplace.render.rendered_route import render_route
 
 FEW, MANY = 120, 1200
 

@@ -13,7 +13,7 @@ from benchmarks.ratio import Ratio
 FRAMES = 1_000_000
 ROUNDS = 3
 
-_OPEN = "from everplace.data.route import open_route; work = lambda: open_route(sys.argv[1])"
+_OPEN = "from everplace.route.route import open_route; work = lambda: open_route(sys.argv[1])"
 _BARE = """
 def work():
     with os.scandir(sys.argv[1]) as entries:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.ratio import Ratio
-from everplace.match.route_filter import RouteFilter
+from everplace.sequences.route_filter import RouteFilter
 
 ROUNDS = 30
 NUMBERS = 96

@@ -19,14 +19,14 @@ import numpy as np
 import torch
 
 from benchmarks.ratio import Ratio
-from everplace.data.render.config import render_config
-from everplace.data.render.route import render_route
-from everplace.data.route import open_route
 from everplace.model.bounds import Weights, optimal_log_sigma
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.config import ModelConfig
-from everplace.model.images import to_input
 from everplace.model.inference import default_device
+from everplace.model.model_config import ModelConfig
+from everplace.model.pixels import to_input
+from everplace.render.render_config import render_config
+from everplace.render.rendered_route import render_route
+from everplace.route.route import open_route
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch, EpochOrder, TrainingFrames, split_route
 from everplace.training.freed_memory import freed_memory_kept

@@ -12,12 +12,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from everplace.data.route import Route, open_route
-from everplace.data.selection import Selection, parse_frames
 from everplace.errors import EverplaceError
 from everplace.experiments.evaluation import evaluate_method
-from everplace.experiments.retrieval import Matching, Truth
 from everplace.files import write_text
+from everplace.route.route import Route, open_route
+from everplace.route.selection import Selection, parse_frames
+from everplace.scoring.retrieval import Matching, Truth
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
 from studies import comparisons, folds, sequences

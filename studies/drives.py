@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.data.route import Route
-from everplace.data.selection import Selection, parse_frames
-from everplace.data.traverse import Traverse
-from everplace.data.truth import truth_by_position
-from everplace.describe.descriptors import Descriptors
-from everplace.experiments.retrieval import choose_pair
-from everplace.match.search import compared
+from everplace.describe.files.descriptors import Descriptors
+from everplace.match.best_matches import compared
 from everplace.match.similarity import similarity
 from everplace.match.standardise import Standardisation
+from everplace.route.route import Route
+from everplace.route.selection import Selection, parse_frames
+from everplace.route.traverse import Traverse
+from everplace.route.truth import truth_by_position
+from everplace.scoring.retrieval import choose_pair
 from studies.resample import resample_drive
 
 

@@ -18,15 +18,15 @@ from typing import Any
 
 import numpy as np
 
-from everplace.data.route import Route, open_route
-from everplace.data.traverse import Traverse
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
 from everplace.errors import RouteError
 from everplace.files import write_text
-from everplace.match.sequence import search_sequences
 from everplace.model.checkpoint import load_checkpoint
+from everplace.route.route import Route, open_route
+from everplace.route.traverse import Traverse
 from everplace.scoring.scores import evaluate
+from everplace.sequences.sequence_search import search_sequences
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
 from studies.drives import AS_RECORDED, RESAMPLED, DrivePair, Recorded, choose_drives, similarities

@@ -15,20 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.data.route import open_route
-from everplace.describe.descriptors import Descriptors
+from everplace.describe.files.descriptors import Descriptors
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
 from everplace.files import write_text
-from everplace.match.frame_change import View, change_in_steps, new_frames
-from everplace.match.route_filter import Answer, RouteFilter, filter_windows
-from everplace.match.route_model import RouteModel, likelihood_ratios
-from everplace.match.route_path import best_path, smooth_route
-from everplace.match.search import compared
-from everplace.match.sequence import SEQUENCE_METHODS, search_sequences
+from everplace.match.best_matches import compared
 from everplace.match.similarity import similarity
 from everplace.match.standardise import Standardisation
+from everplace.route.route import open_route
 from everplace.scoring.scores import evaluate
+from everplace.sequences.frame_change import View, change_in_steps, new_frames
+from everplace.sequences.route_filter import Answer, RouteFilter, filter_windows
+from everplace.sequences.route_model import RouteModel, likelihood_ratios
+from everplace.sequences.route_path import best_path, smooth_route
+from everplace.sequences.sequence_search import SEQUENCE_METHODS, search_sequences
 from studies.drives import DRIVES, TOLERANCE, Drive, Recorded, choose_drives, similarities
 from studies.paired import Found, found_on, paired_difference
 

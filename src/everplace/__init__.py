@@ -17,21 +17,21 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from everplace.data.route import Route, open_route
-    from everplace.data.selection import Selection, parse_frames, select
-    from everplace.data.traverse import Frame, Traverse
-    from everplace.data.truth import truth_by_pose, truth_by_position
-    from everplace.describe.descriptors import Descriptors, load_descriptors
-    from everplace.describe.run import Method, load
+    from everplace.describe.files.descriptors import Descriptors, load_descriptors
+    from everplace.describe.runs.opened import Method, load
     from everplace.errors import EverplaceError
-    from everplace.match.place_posterior import new_place_probability
-    from everplace.match.route_filter import Answer, RouteFilter
-    from everplace.match.route_model import RouteModel
-    from everplace.match.route_path import best_path, smooth_route
-    from everplace.match.sequence import average_sequences, search_sequences
+    from everplace.match.new_place import new_place_probability
     from everplace.match.similarity import similarity, similarity_blocks, top_k
     from everplace.match.standardise import standardise
+    from everplace.route.route import Route, open_route
+    from everplace.route.selection import Selection, parse_frames, select
+    from everplace.route.traverse import Frame, Traverse
+    from everplace.route.truth import truth_by_pose, truth_by_position
     from everplace.scoring.scores import Scores, evaluate, precision_recall
+    from everplace.sequences.route_filter import Answer, RouteFilter
+    from everplace.sequences.route_model import RouteModel
+    from everplace.sequences.route_path import best_path, smooth_route
+    from everplace.sequences.sequence_search import average_sequences, search_sequences
 
 __all__ = [
     "Answer",
@@ -66,35 +66,35 @@ __all__ = [
 ]
 
 _HOME = {
-    "Answer": "match.route_filter",
-    "Descriptors": "describe.descriptors",
+    "Answer": "sequences.route_filter",
+    "Descriptors": "describe.files.descriptors",
     "EverplaceError": "errors",
-    "Frame": "data.traverse",
-    "Method": "describe.run",
-    "Route": "data.route",
-    "RouteFilter": "match.route_filter",
-    "RouteModel": "match.route_model",
+    "Frame": "route.traverse",
+    "Method": "describe.runs.opened",
+    "Route": "route.route",
+    "RouteFilter": "sequences.route_filter",
+    "RouteModel": "sequences.route_model",
     "Scores": "scoring.scores",
-    "Selection": "data.selection",
-    "Traverse": "data.traverse",
-    "average_sequences": "match.sequence",
-    "best_path": "match.route_path",
+    "Selection": "route.selection",
+    "Traverse": "route.traverse",
+    "average_sequences": "sequences.sequence_search",
+    "best_path": "sequences.route_path",
     "evaluate": "scoring.scores",
-    "load": "describe.run",
-    "load_descriptors": "describe.descriptors",
-    "new_place_probability": "match.place_posterior",
-    "open_route": "data.route",
-    "parse_frames": "data.selection",
+    "load": "describe.runs.opened",
+    "load_descriptors": "describe.files.descriptors",
+    "new_place_probability": "match.new_place",
+    "open_route": "route.route",
+    "parse_frames": "route.selection",
     "precision_recall": "scoring.scores",
-    "search_sequences": "match.sequence",
-    "select": "data.selection",
+    "search_sequences": "sequences.sequence_search",
+    "select": "route.selection",
     "similarity": "match.similarity",
     "similarity_blocks": "match.similarity",
-    "smooth_route": "match.route_path",
+    "smooth_route": "sequences.route_path",
     "standardise": "match.standardise",
     "top_k": "match.similarity",
-    "truth_by_pose": "data.truth",
-    "truth_by_position": "data.truth",
+    "truth_by_pose": "route.truth",
+    "truth_by_position": "route.truth",
 }
 
 

@@ -14,13 +14,13 @@ import pytest
 from tests.file_server import FileServer, Trouble
 
 from everplace.cli import main
-from everplace.data import catalogue
-from everplace.data.catalogue import DataFile, DataSet
+from everplace.importing import catalogue
+from everplace.importing.catalogue import DataFile, DataSet
 
 CODE = """import sys
 from everplace.cli import main
-from everplace.data import catalogue
-from everplace.data.catalogue import DataFile, DataSet
+from everplace.importing import catalogue
+from everplace.importing.catalogue import DataFile, DataSet
 file = DataFile('walk.zip', sys.argv[1])
 catalogue.DATA_SETS = (DataSet('walk', 'a walk', 'research only', 'Somebody, 2020', files=(file,), kind='nordland'),)
 sys.exit(main.run(['data', 'fetch', 'walk', '--out', *sys.argv[2:]]))

@@ -14,15 +14,15 @@ from PIL import Image
 from sklearn.metrics import average_precision_score
 
 from everplace.cli import main
-from everplace.data.catalogue import DATA_SETS
-from everplace.data.kinds import source_kinds
-from everplace.data.route import open_route
-from everplace.data.selection import Selection
-from everplace.data.sources import _nordland_presets
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
-from everplace.experiments.retrieval import Truth, choose_pair, true_matches
+from everplace.importing.catalogue import DATA_SETS
+from everplace.importing.kinds import source_kinds
+from everplace.importing.sources import _nordland_presets
 from everplace.match.similarity import similarity
+from everplace.route.route import open_route
+from everplace.route.selection import Selection
+from everplace.scoring.retrieval import Truth, choose_pair, true_matches
 
 
 def call(*arguments: str | Path) -> tuple[int, str, str]:
@@ -148,7 +148,7 @@ def test_the_list_names_every_kind_with_its_options() -> None:
 
 
 def test_the_list_says_what_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("everplace.data.sources.nordland.EXTRAS", {"no_such_package": "parquet"})
+    monkeypatch.setattr("everplace.importing.sources.nordland.EXTRAS", {"no_such_package": "parquet"})
     assert "    part of it needs pip install 'everplace[parquet]'" in call("data", "list")[1]
     listed = json.loads(call("data", "list", "--json")[1])
     assert listed["nordland"]["missing"] == ["pip install 'everplace[parquet]'"]

@@ -9,7 +9,7 @@ import h5py
 import pytest
 
 from everplace.cli import main
-from everplace.describe.descriptors import load_descriptors
+from everplace.describe.files.descriptors import load_descriptors
 
 
 def call(*arguments: str | Path) -> None:

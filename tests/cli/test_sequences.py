@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from everplace.cli import main
-from everplace.describe.descriptors import load_descriptors
-from everplace.match.sequence import SEQUENCE_METHODS, SequenceMethod, search_sequences
+from everplace.describe.files.descriptors import load_descriptors
 from everplace.match.similarity import similarity
+from everplace.sequences.sequence_search import SEQUENCE_METHODS, SequenceMethod, search_sequences
 
 
 def call(*arguments: str | Path) -> tuple[int, str]:

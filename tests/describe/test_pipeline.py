@@ -14,13 +14,13 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from everplace.data.images import ImageSpec, decode_image
-from everplace.data.route import open_route
 from everplace.describe import pipeline
+from everplace.describe.describer import Metric
 from everplace.describe.pipeline import describe_paths, describe_traverse, time_describer
-from everplace.describe.protocol import Metric
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, DescriptorsError, ImageError, RouteError
+from everplace.images.decoding import ImageSpec, decode_image
+from everplace.route.route import open_route
 
 T = TypeVar("T")
 

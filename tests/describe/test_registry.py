@@ -50,7 +50,7 @@ def test_what_a_method_needs_from_the_net_is_fetched_before_it_opens(
 
 def test_a_run_directory_is_opened_as_a_trained_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fake = SimpleNamespace(open_method=lambda argument: ("run", argument))
-    monkeypatch.setitem(sys.modules, "everplace.describe.methods.vae", fake)
+    monkeypatch.setitem(sys.modules, "everplace.describe.runs.vae", fake)
     (tmp_path / "config.toml").touch()
     assert open_describer(str(tmp_path)) == ("run", str(tmp_path))  # type: ignore[comparison-overlap]
 
@@ -64,7 +64,7 @@ def test_a_run_directory_says_what_opens_it(
 ) -> None:
     for name in ("vae", "cae", "fabmap"):
         fake = SimpleNamespace(open_method=lambda argument, name=name: name)
-        monkeypatch.setitem(sys.modules, f"everplace.describe.methods.{name}", fake)
+        monkeypatch.setitem(sys.modules, f"everplace.describe.runs.{name}", fake)
     (tmp_path / "config.toml").touch()
     (tmp_path / "checkpoint.json").write_text(json.dumps({"model": {"kind": kind}}))
     assert open_describer(str(tmp_path)) == module  # type: ignore[comparison-overlap]

@@ -11,10 +11,10 @@ import pytest
 from typer.main import get_command
 
 from everplace.cli.main import app
-from everplace.data.catalogue import DATA_SETS
-from everplace.data.kinds import read_options, source_kinds
-from everplace.data.sources._nordland_presets import PRESETS
 from everplace.errors import EverplaceError
+from everplace.importing.catalogue import DATA_SETS
+from everplace.importing.kinds import read_options, source_kinds
+from everplace.importing.sources._nordland_presets import PRESETS
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "data.md").read_text(encoding="utf-8")
 LINES = GUIDE.replace("\\\n", "")

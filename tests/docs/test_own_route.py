@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from everplace.data.route_toml import RouteToml, TraverseToml, read_route_toml
+from everplace.route.route_toml import RouteToml, TraverseToml, read_route_toml
 
 PAGE = (Path(__file__).parents[2] / "docs" / "own-route.md").read_text(encoding="utf-8")
 SHORT, LONG = re.findall(r"^```toml\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import everplace
-from everplace.data.render.config import render_config
-from everplace.data.render.route import render_route
+from everplace.render.render_config import render_config
+from everplace.render.rendered_route import render_route
 
 PAGE = (Path(__file__).parents[2] / "docs" / "python.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from everplace.experiments.demo import MODELS
+from everplace.experiments.rendered_demo import MODELS
 
 ROOT = Path(__file__).parents[2]
 NUMBERS = ("no", "one", "two", "three", "four", "five")

@@ -13,7 +13,7 @@ import torch
 from everplace.cli import main
 from everplace.model.checkpoint import save_checkpoint
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.config import ModelConfig
+from everplace.model.model_config import ModelConfig
 from everplace.training.config import TrainConfig, write_config
 
 OPTIONS = ("--methods", "sad,hog", "--frames", "2:", "--seed", "3")

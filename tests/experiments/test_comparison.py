@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from everplace.data.route import open_route
-from everplace.data.selection import Selection, parse_frames
 from everplace.describe import methods
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MethodError, RouteError
@@ -17,8 +15,10 @@ from everplace.experiments.comparison import compare_methods
 from everplace.experiments.comparison_report import write_comparison
 from everplace.experiments.fitting import Methods, fit_and_open, select_tested
 from everplace.experiments.manifest import open_study
-from everplace.experiments.retrieval import Matching, Truth
-from everplace.training.methods import build_config, fit_method
+from everplace.route.route import open_route
+from everplace.route.selection import Selection, parse_frames
+from everplace.scoring.retrieval import Matching, Truth
+from everplace.training.fitted_methods import build_config, fit_method
 
 
 def test_every_ordered_pair_and_method_is_there(tiny_route: Path, tmp_path: Path) -> None:

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from tests.experiments.comparing import MEASURED, OPTIONS, compare, refused
 
-from everplace.data.route import open_route
+from everplace.audit.leakage import Audit, Probe
 from everplace.describe.registry import open_describer
 from everplace.experiments.comparison_parts import MethodResult, PairResult, Part, keep_pictures
-from everplace.scoring.audit import Audit, Probe
+from everplace.route.route import open_route
 from everplace.scoring.scores import evaluate, precision_recall
 
 

@@ -10,15 +10,15 @@ import pytest
 from tests.experiments.comparing import untrained_run
 
 from everplace import locking
-from everplace.data.route import open_route
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError
 from everplace.experiments.comparison import Comparison, compare_methods
 from everplace.experiments.comparison_report import write_comparison
 from everplace.experiments.fitting import Methods
 from everplace.experiments.manifest import open_study
-from everplace.experiments.retrieval import Matching, Truth
 from everplace.locking import locked
+from everplace.route.route import open_route
+from everplace.scoring.retrieval import Matching, Truth
 
 
 def written(route: Path, out: Path, **methods: str | Path) -> Comparison:

@@ -8,10 +8,10 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from everplace.data.route import open_route
 from everplace.errors import ImageError
 from everplace.experiments.contact_sheet import contact_sheet
 from everplace.plots.canvas import save_figure
+from everplace.route.route import open_route
 
 
 def texts(route: Path, places: tuple[str, ...] = (), count: int = 8) -> list[str]:

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from everplace.data.route import open_route
-from everplace.data.selection import Selection
 from everplace.experiments.evaluation import Evaluation, evaluate_method, write_evaluation
 from everplace.experiments.manifest import DEFINITIONS
-from everplace.experiments.retrieval import Matching, Truth
 from everplace.model.checkpoint import save_checkpoint
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.config import ModelConfig
+from everplace.model.model_config import ModelConfig
 from everplace.report.blocks import escaped
+from everplace.route.route import open_route
+from everplace.route.selection import Selection
+from everplace.scoring.retrieval import Matching, Truth
 from everplace.training.config import TrainConfig, write_config
 
 PLACES = 6

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from tests.experiments.comparing import compare, refused, untrained_run
 
-from everplace.data.render.config import render_config
-from everplace.data.render.route import render_route
-from everplace.data.route import open_route
 from everplace.errors import CheckpointError, ConfigError, ImageError
 from everplace.experiments.fitting import fit_and_open
+from everplace.render.render_config import render_config
+from everplace.render.rendered_route import render_route
+from everplace.route.route import open_route
 
 SMALL = {"epochs": 1, "image_size": (32, 32), "held_out_gap": 0, "batch_size": 4, "fully_connected": False}
 """Settings with which a network is fitted to the first places of the tiny route in a moment."""

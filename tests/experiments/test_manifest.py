@@ -10,12 +10,12 @@ import pytest
 from PIL import Image
 from tests.experiments.comparing import MEASURED, OPTIONS, compare, refused
 
-from everplace.data.route import open_route
-from everplace.data.selection import Selection, select
 from everplace.experiments.comparison import COSTS, SCORES
 from everplace.experiments.evaluation import evaluate_method, write_evaluation
 from everplace.experiments.manifest import DEFINITIONS, open_study
-from everplace.experiments.retrieval import Matching, Truth
+from everplace.route.route import open_route
+from everplace.route.selection import Selection, select
+from everplace.scoring.retrieval import Matching, Truth
 
 
 def without_measured(metrics: Any) -> Any:

@@ -10,14 +10,14 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
-from everplace.data.route import Route, open_route
 from everplace.errors import CheckpointError, RouteError
 from everplace.experiments.translations import constant_figure, load_divided, swap_figure, translation_figure
 from everplace.model.checkpoint import save_checkpoint
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.config import ModelConfig
-from everplace.model.images import to_input, to_pixels
+from everplace.model.model_config import ModelConfig
+from everplace.model.pixels import to_input, to_pixels
 from everplace.plots.canvas import png_bytes
+from everplace.route.route import Route, open_route
 
 PLACES = 6
 SIDE = 32

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from everplace.describe.descriptors import Descriptors
+from everplace.describe.files.descriptors import Descriptors
 from everplace.errors import ConfigError
 from everplace.match import standardise as module
 from everplace.match.standardise import standardise

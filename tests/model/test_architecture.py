@@ -14,7 +14,7 @@ from everplace.model.architecture import (
     strides,
 )
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.config import MODEL_KINDS, ModelConfig, ModelKind
+from everplace.model.model_config import MODEL_KINDS, ModelConfig, ModelKind
 
 CONDITIONS = ("summer", "winter")
 

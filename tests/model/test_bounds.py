@@ -26,7 +26,7 @@ from everplace.model.bounds import (
     vae_bound,
 )
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.config import ModelConfig
+from everplace.model.model_config import ModelConfig
 from everplace.model.posterior import Posterior
 
 KINDS = ("vae", "c-vae", "cp-vae")

@@ -13,8 +13,8 @@ import torch
 from everplace.errors import CheckpointError
 from everplace.model.checkpoint import load_checkpoint, save_checkpoint
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.config import MODEL_KINDS, ModelConfig, ModelKind
-from everplace.model.tensor_file import load_tensors, save_tensors
+from everplace.model.model_config import MODEL_KINDS, ModelConfig, ModelKind
+from everplace.tensor_file import load_tensors, save_tensors
 
 
 def small_model(kind: ModelKind, seed: int = 0, *, fully_connected: bool = False) -> ConditionVAE:

@@ -10,13 +10,13 @@ from typing import cast
 
 import pytest
 
-from everplace.data.route import Route, open_route
-from everplace.data.selection import Selection, parse_frames, select
-from everplace.data.truth import truth_by_position
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
 from everplace.match.similarity import similarity
 from everplace.match.standardise import Standardisation, standardise
+from everplace.route.route import Route, open_route
+from everplace.route.selection import Selection, parse_frames, select
+from everplace.route.truth import truth_by_position
 from everplace.scoring.scores import Scores, evaluate
 
 

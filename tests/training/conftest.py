@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from everplace.data.route import Route, open_route
+from everplace.route.route import Route, open_route
 from everplace.training.config import TrainConfig
 
 PLACES = 12

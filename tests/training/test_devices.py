@@ -17,14 +17,14 @@ import pytest
 
 from everplace.model.checkpoint import load_checkpoint
 from everplace.training.frames import EpochOrder
-from everplace.training.metrics import read_metrics
+from everplace.training.metrics_table import read_metrics
 
 # Lightning starts the second process by running the script again.
 _SCRIPT = """
 import json, os, sys
 from dataclasses import asdict
 from pathlib import Path
-from everplace.data.route import open_route
+from everplace.route.route import open_route
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
 from everplace.training.frames import TrainingFrames

@@ -16,21 +16,21 @@ import pytest
 import torch
 from PIL import Image
 
-from everplace.data.route import Route, open_route
-from everplace.describe.protocol import FittedDescriber, ProbabilisticDescriber
+from everplace.describe.describer import FittedDescriber, ProbabilisticDescriber
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, DivergedError, EverplaceError, RouteError
 from everplace.model.bounds import Weights
 from everplace.model.checkpoint import load_checkpoint
-from everplace.model.images import to_input
+from everplace.model.pixels import to_input
+from everplace.route.route import Route, open_route
 from everplace.training import fit, trainer
 from everplace.training.callbacks import CollapseWarning, RunKeeper
 from everplace.training.config import TrainConfig
 from everplace.training.fit import TrainSummary, train
 from everplace.training.frames import fingerprint, split_route
-from everplace.training.metrics import read_metrics
+from everplace.training.metrics_table import read_metrics
 from everplace.training.module import BoundModule
-from everplace.training.state import RunProgress, load_state, save_state
+from everplace.training.resume_state import RunProgress, load_state, save_state
 from everplace.training.validation import validate
 
 MakeConfig = Callable[..., TrainConfig]

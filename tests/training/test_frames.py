@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
 
-from everplace.data.augment import Augmentation
-from everplace.data.route import Route, open_route
 from everplace.errors import RouteError
+from everplace.route.route import Route, open_route
+from everplace.training.augment import Augmentation
 from everplace.training.config import TrainConfig
 from everplace.training.frames import EpochOrder, FrameBlock, SplitRoute, TrainingFrames, fingerprint, split_route
 

@@ -20,8 +20,8 @@ from everplace.model.bounds import (
     vae_bound,
 )
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.config import MODEL_KINDS, ModelConfig, ModelKind, PlaceTerm
-from everplace.model.images import to_input
+from everplace.model.model_config import MODEL_KINDS, ModelConfig, ModelKind, PlaceTerm
+from everplace.model.pixels import to_input
 from everplace.model.place_head import PositionHead
 from everplace.model.posterior import Posterior
 from everplace.training.config import TrainConfig

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from everplace.data.augment import Augmentation
-from everplace.data.virtual_places import VirtualPlaces
 from everplace.errors import ConfigError, RouteError
+from everplace.training.augment import Augmentation
 from everplace.training.config import TrainConfig
 from everplace.training.frames import FrameBlock, SplitRoute
 from everplace.training.pairs import PairedFrames, PairOrder, make_frames, make_order, require_shares
+from everplace.training.virtual_places import VirtualPlaces
 
 NONE = Augmentation()
 

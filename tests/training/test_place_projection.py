@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import torch
 
-from everplace.data.route import Route
 from everplace.errors import ConfigError
 from everplace.model.checkpoint import load_checkpoint
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.config import ModelConfig
-from everplace.model.images import to_input
+from everplace.model.model_config import ModelConfig
+from everplace.model.pixels import to_input
+from everplace.route.route import Route
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
 from everplace.training.frames import FrameBlock, SplitRoute, split_route

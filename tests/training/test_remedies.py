@@ -11,7 +11,7 @@ import torch
 
 from everplace.model.bounds import Weights, optimal_log_sigma
 from everplace.model.condition_vae import ConditionVAE, Output
-from everplace.model.config import ModelConfig
+from everplace.model.model_config import ModelConfig
 from everplace.training.remedies import RemedyTerms
 from everplace.training.sections import Remedies
 from everplace.training.terms import bound_terms, step_noise

@@ -17,11 +17,11 @@ from typing import Any
 
 import pytest
 
-from everplace.data.route import Route
 from everplace.model.checkpoint import load_checkpoint
+from everplace.route.route import Route
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
-from everplace.training.state import load_state
+from everplace.training.resume_state import load_state
 
 MakeConfig = Callable[..., TrainConfig]
 
@@ -123,7 +123,7 @@ def test_a_run_killed_at_any_moment_and_resumed_equals_one_that_was_not(
 _INTERRUPTED = """
 import signal, sys
 from pathlib import Path
-from everplace.data.route import open_route
+from everplace.route.route import open_route
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
 

@@ -10,8 +10,8 @@ import pytest
 from everplace import locking
 from everplace.errors import CheckpointError, ConfigError
 from everplace.training.config import CONFIG_FILE, TrainConfig
+from everplace.training.resume_state import RESUME, RunProgress, save_state
 from everplace.training.run_directory import leads, locked_run, prepare_run, require_usable
-from everplace.training.state import RESUME, RunProgress, save_state
 
 MakeConfig = Callable[..., TrainConfig]
 

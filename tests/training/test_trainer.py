@@ -13,14 +13,14 @@ import pytest
 import torch
 from lightning import LightningModule, Trainer
 
-from everplace.data.route import Route
 from everplace.errors import ConfigError
 from everplace.model.checkpoint import load_checkpoint
 from everplace.model.inference import default_device
+from everplace.route.route import Route
 from everplace.training import trainer
-from everplace.training.ahead import BatchesAhead
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
+from everplace.training.prefetch import BatchesAhead
 from everplace.training.trainer import _Meeting, bf16_is_fast, own_device, require_devices, torch_settings_kept
 
 MakeConfig = Callable[..., TrainConfig]

@@ -41,8 +41,8 @@ from everplace.cli.output import (
 from everplace.files import readable
 
 if TYPE_CHECKING:
-    from everplace.data.route import Route
-    from everplace.describe.protocol import Describer
+    from everplace.describe.describer import Describer
+    from everplace.route.route import Route
 
 __all__ = ["compare", "register"]
 
@@ -95,13 +95,13 @@ def compare(
     require_one_length(epochs, minutes)
     require_directory(out)
     require_outside(out, route)
-    from everplace.data.route import open_route
-    from everplace.data.selection import Selection, parse_frames
     from everplace.experiments.comparison import compare_methods
     from everplace.experiments.comparison_report import write_comparison
     from everplace.experiments.fitting import fit_and_open, require_fit_settings, select_tested
     from everplace.experiments.manifest import open_study, require_same_study
-    from everplace.experiments.retrieval import Matching, Truth
+    from everplace.route.route import open_route
+    from everplace.route.selection import Selection, parse_frames
+    from everplace.scoring.retrieval import Matching, Truth
 
     opened = open_route(route)
     names = tuple(name for name in conditions.split(",") if name)

@@ -47,9 +47,9 @@ def render(
     Example: everplace data render --out my-route --places 200 --image-size 224 224
     """
     require_directory(out)
-    from everplace.data.images import usable_cores
-    from everplace.data.render.config import render_config
-    from everplace.data.render.route import render_route
+    from everplace.images.decoding import usable_cores
+    from everplace.render.render_config import render_config
+    from everplace.render.rendered_route import render_route
 
     given: dict[str, Any] = {"places": places, "seed": seed, "format": image_format}
     if image_size is not None:
@@ -78,9 +78,9 @@ def pack(
     if cache is not None:
         require_directory(cache, "--cache")
         require_outside(cache, route, "--cache")
-    from everplace.data.images import ImageSpec
-    from everplace.data.pack import pack as pack_traverse
-    from everplace.data.route import open_route
+    from everplace.images.decoding import ImageSpec
+    from everplace.route.pack import pack as pack_traverse
+    from everplace.route.route import open_route
 
     spec = ImageSpec(image_size or (224, 224), grey)
     opened = open_route(route)

@@ -67,18 +67,18 @@ def align(
     if picture is not None:
         require_file(picture, (".png", ".svg", ".pdf"), "--picture")
         require_no_frame(picture, route, "--picture")
-    from everplace.data.route import open_route
-    from everplace.describe.registry import open_describer
-    from everplace.experiments.aligned_route import write_aligned
-    from everplace.experiments.alignment import (
+    from everplace.alignment.align import (
         align_by_images,
         align_by_pairs,
         align_by_poses,
         alignment_figure,
         judge,
     )
+    from everplace.alignment.aligned_route import write_aligned
+    from everplace.describe.registry import open_describer
     from everplace.files import require_free_directory
     from everplace.plots.canvas import save_figure
+    from everplace.route.route import open_route
 
     require_free_directory(out)
     progress = show_progress()

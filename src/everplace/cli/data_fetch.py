@@ -14,8 +14,8 @@ from everplace.cli.output import require_directory, show_progress, show_result, 
 from everplace.errors import ConfigError
 
 if TYPE_CHECKING:
-    from everplace.data.catalogue import DataSet
-    from everplace.data.fetching import Fetched
+    from everplace.importing.catalogue import DataSet
+    from everplace.importing.dataset_fetching import Fetched
 
 __all__ = ["fetch", "register"]
 
@@ -40,8 +40,8 @@ def fetch(
 
     Example: everplace data fetch gardens-point --yes
     """
-    from everplace.data.catalogue import find_data_set
-    from everplace.data.fetching import default_directory, fetch_data_set
+    from everplace.importing.catalogue import find_data_set
+    from everplace.importing.dataset_fetching import default_directory, fetch_data_set
 
     data_set = find_data_set(name)
     directory = default_directory(data_set) if out is None else out

@@ -35,7 +35,7 @@ def import_(
 
     Example: everplace data import nordland downloads/nordland --out my-route --set preset=27592
     """
-    from everplace.data.importing import import_route
+    from everplace.importing.import_route import import_route
 
     require_directory(out)
     summary = import_route(kind, source, out, _pairs(options or []), copy=copy, progress=show_progress())
@@ -61,8 +61,8 @@ def list_(as_json: Json = False) -> None:
 
     Example: everplace data list
     """
-    from everplace.data.catalogue import DATA_SETS
-    from everplace.data.kinds import missing_extras, option_help, source_kinds
+    from everplace.importing.catalogue import DATA_SETS
+    from everplace.importing.kinds import missing_extras, option_help, source_kinds
 
     kinds: dict[str, dict[str, Any]] = {
         name: {

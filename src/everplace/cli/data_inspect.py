@@ -18,8 +18,8 @@ from everplace.cli.output import (
 )
 
 if TYPE_CHECKING:
-    from everplace.data.inspection import Inspection, TraverseInspection
-    from everplace.data.route import Route
+    from everplace.route.inspection import Inspection, TraverseInspection
+    from everplace.route.route import Route
 
 __all__ = ["inspect", "register"]
 
@@ -49,8 +49,8 @@ def inspect(
     if sheet is not None:
         require_file(sheet, (".png", ".svg", ".pdf"), "--sheet")
         require_no_frame(sheet, route, "--sheet")
-    from everplace.data.inspection import inspect_route
-    from everplace.data.route import open_route
+    from everplace.route.inspection import inspect_route
+    from everplace.route.route import open_route
 
     opened = open_route(route)
     found = inspect_route(opened, show_progress())

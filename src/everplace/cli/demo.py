@@ -29,7 +29,7 @@ def demo(
     Example: everplace demo --out demo
     """
     require_directory(out)
-    from everplace.experiments.demo import run_demo
+    from everplace.experiments.rendered_demo import run_demo
 
     metrics = run_demo(out, details=provenance(), progress=show_progress())
     if as_json:

@@ -63,10 +63,10 @@ def evaluate(
     search = one_of(sequence_method, "--sequence-method", ("filter", "seqslam", "mean"))
     require_directory(out)
     require_outside(out, route)
-    from everplace.data.route import open_route
-    from everplace.data.selection import Selection, parse_frames
     from everplace.experiments.evaluation import evaluate_method, seen_sentence, write_evaluation
-    from everplace.experiments.retrieval import Matching, Truth, of_itself_sentence
+    from everplace.route.route import open_route
+    from everplace.route.selection import Selection, parse_frames
+    from everplace.scoring.retrieval import Matching, Truth, of_itself_sentence
 
     evaluation = evaluate_method(
         open_route(route),

@@ -28,7 +28,7 @@ def export(
     Example: everplace export runs/cp-vae --onnx cp-vae.onnx
     """
     require_file(onnx, (".onnx",), option="--onnx")
-    from everplace.export.onnx import export_onnx
+    from everplace.export.onnx_export import export_onnx
 
     written = export_onnx(run, onnx)
     show_result(

@@ -18,7 +18,7 @@ from everplace.cli.output import (
 from everplace.files import readable
 
 if TYPE_CHECKING:
-    from everplace.describe.descriptors import Descriptors
+    from everplace.describe.files.descriptors import Descriptors
 
 __all__ = ["match", "register"]
 
@@ -53,10 +53,10 @@ def match(
     require_file(out)
     for given in (database, query):
         require_other(out, given)
-    from everplace.describe.descriptors import load_descriptors
-    from everplace.match.io import write_matches
-    from everplace.match.place_posterior import new_place_summary
-    from everplace.match.search import best_matches
+    from everplace.describe.files.descriptors import load_descriptors
+    from everplace.match.best_matches import best_matches
+    from everplace.match.match_file import write_matches
+    from everplace.match.new_place import new_place_summary
 
     asked, known = load_descriptors(query), load_descriptors(database)
     indices, scores = best_matches(asked, known, top, standardised=how, sequence=sequence, sequence_method=search)

@@ -32,7 +32,7 @@ from everplace.cli.output import (
 )
 
 if TYPE_CHECKING:
-    from everplace.data.route import Route
+    from everplace.route.route import Route
 
 __all__ = ["register"]
 
@@ -76,7 +76,7 @@ def swap(
     """
     require_file(out, _PICTURES)
     require_no_frame(out, route)
-    from everplace.experiments.ingredients import named_method
+    from everplace.experiments.recipe_names import named_method
     from everplace.experiments.translations import load_divided, swap_figure
     from everplace.plots.canvas import save_figure
 
@@ -106,7 +106,7 @@ def constant(
     """
     require_file(out, _PICTURES)
     require_no_frame(out, route)
-    from everplace.experiments.ingredients import named_method
+    from everplace.experiments.recipe_names import named_method
     from everplace.experiments.translations import constant_figure, load_divided
     from everplace.plots.canvas import save_figure
 
@@ -138,7 +138,7 @@ def translate(
     """
     require_file(out, _PICTURES)
     require_no_frame(out, route)
-    from everplace.experiments.ingredients import named_method
+    from everplace.experiments.recipe_names import named_method
     from everplace.experiments.translations import load_divided, translation_figure
     from everplace.plots.canvas import save_figure
 
@@ -222,16 +222,16 @@ def _evaluated(
     require_no_frame(out, route)
     how = one_of(standardise, "--standardise", ("centre", "full"))
     search = one_of(sequence_method, "--sequence-method", ("filter", "seqslam", "mean"))
-    from everplace.data.route import open_route
-    from everplace.data.selection import Selection, parse_frames
     from everplace.describe.registry import open_describer
+    from everplace.experiments.captions import match_note, pair_words, right_words, score_words
     from everplace.experiments.evaluation import seen_places, seen_sentence
-    from everplace.experiments.ingredients import named_method
-    from everplace.experiments.pictures import match_figure, matrix_figure
-    from everplace.experiments.retrieval import Matching, Truth, choose_pair, of_itself_sentence, retrieve, true_matches
-    from everplace.experiments.wording import match_note, pair_words, right_words, score_words
+    from everplace.experiments.recipe_names import named_method
+    from everplace.experiments.retrieval_pictures import match_figure, matrix_figure
     from everplace.match.standardise import require_standardisable
     from everplace.plots.canvas import save_figure
+    from everplace.route.route import open_route
+    from everplace.route.selection import Selection, parse_frames
+    from everplace.scoring.retrieval import Matching, Truth, choose_pair, of_itself_sentence, retrieve, true_matches
 
     progress = show_progress()
     describer = open_describer(method, progress=progress)
@@ -258,8 +258,8 @@ def _evaluated(
 
 
 def _select(route: Path, conditions: str, frames: str, drop_dark: bool, drop_stationary: bool) -> Route:
-    from everplace.data.route import open_route
-    from everplace.data.selection import Selection, parse_frames, select
+    from everplace.route.route import open_route
+    from everplace.route.selection import Selection, parse_frames, select
 
     opened = open_route(route)
     names = [name for name in conditions.split(",") if name]

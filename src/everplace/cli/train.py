@@ -76,7 +76,7 @@ def train(
     Example: everplace train my-route --model cp-vae --image-size 224 224 --epochs 40 --out runs/cp-vae
     """
     from everplace.training.config import read_toml
-    from everplace.training.methods import FITTED_METHODS, build_config, fit_method
+    from everplace.training.fitted_methods import FITTED_METHODS, build_config, fit_method
 
     one_of(model, "--model", FITTED_METHODS)
     require_one_length(epochs, minutes)
@@ -103,7 +103,7 @@ def train(
     with named_settings(options, config):
         checked = build_config(**values)
 
-    from everplace.data.route import open_route
+    from everplace.route.route import open_route
     from everplace.training.run_directory import leads
 
     require_directory(out)

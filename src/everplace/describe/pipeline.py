@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.data.images import decode_images
-from everplace.data.route import Traverse
-from everplace.describe.descriptors import Descriptors
-from everplace.describe.protocol import Describer, LargeDescriber, ProbabilisticDescriber
+from everplace.describe.describer import Describer, LargeDescriber, ProbabilisticDescriber
+from everplace.describe.files.descriptors import Descriptors
 from everplace.errors import ConfigError, DescriptorsError, RouteError
+from everplace.images.decoding import decode_images
 from everplace.progress import Progress, quiet
+from everplace.route.route import Traverse
 
 __all__ = ["describe_paths", "describe_traverse", "time_describer"]
 

@@ -7,11 +7,11 @@ import os
 import pkgutil
 from pathlib import Path
 
-from everplace.describe import methods
-from everplace.describe.protocol import Describer
+from everplace.describe import methods, runs
+from everplace.describe.describer import Describer
+from everplace.describe.runs.kind_of_run import kind_of_run
 from everplace.errors import MethodError
 from everplace.files import readable
-from everplace.model.checkpoint_kind import kind_of_run
 from everplace.progress import Progress, quiet
 
 __all__ = ["method_names", "open_describer"]
@@ -23,7 +23,7 @@ _RUN_METHODS = {"vae": "vae", "c-vae": "vae", "cp-vae": "vae", "cae": "cae", "fa
 def method_names() -> list[str]:
     """Returns the names of all methods that can be opened by name, sorted."""
     found = (module.name for module in pkgutil.iter_modules(methods.__path__))
-    return sorted(name for name in found if not name.startswith("_") and name not in _RUN_METHODS.values())
+    return sorted(name for name in found if not name.startswith("_"))
 
 
 def open_describer(method: str, *, progress: Progress = quiet) -> Describer:
@@ -40,18 +40,18 @@ def open_describer(method: str, *, progress: Progress = quiet) -> Describer:
     """
     # os.path answers False where pathlib raises: a name too long for a path, or with NUL.
     if method and os.path.isfile(os.path.join(method, "config.toml")):  # noqa: PTH113, PTH118
-        return _open(_RUN_METHODS.get(kind_of_run(Path(method)), "vae"), method, progress)
+        return _open(runs.__name__, _RUN_METHODS.get(kind_of_run(Path(method)), "vae"), method, progress)
     name, _, argument = method.partition(":")
     if name in method_names():
-        return _open(name, argument, progress)
+        return _open(methods.__name__, name, argument, progress)
     choice = f"choose one of {', '.join(method_names())}, or a run directory made by `everplace train`"
     if os.path.isdir(method):  # noqa: PTH112
         raise MethodError(f"{readable(method)} is no run directory, it holds no config.toml; {choice}")
     raise MethodError(f"there is no method or run directory {readable(method)!r}; {choice}")
 
 
-def _open(name: str, argument: str, progress: Progress) -> Describer:
-    module = importlib.import_module(f"{methods.__name__}.{name}")
+def _open(room: str, name: str, argument: str, progress: Progress) -> Describer:
+    module = importlib.import_module(f"{room}.{name}")
     if hasattr(module, "prepare"):  # opening by itself downloads nothing
         module.prepare(argument, progress)
     describer: Describer = module.open_method(argument)

@@ -11,23 +11,23 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from everplace.data.route import Route
-from everplace.describe.descriptors import Descriptors
-from everplace.describe.memory import peak_memory
+from everplace.audit.leakage import Audit
+from everplace.describe.describer import Describer
+from everplace.describe.files.descriptors import Descriptors
+from everplace.describe.peak_memory import peak_memory
 from everplace.describe.pipeline import time_describer
-from everplace.describe.protocol import Describer
 from everplace.errors import ConfigError, MethodError
 from everplace.experiments.comparison_parts import PARTS, MethodResult, PairResult, Part
 from everplace.experiments.evaluation import audit_pair, seen_places, seen_sentence
 from everplace.experiments.fitting import Methods
-from everplace.experiments.ingredients import ingredient_metrics, named_ingredients
 from everplace.experiments.manifest import MANIFEST, Study, require_same_study
-from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, pair_of, retrieve, true_matches
+from everplace.experiments.recipe_names import ingredient_metrics, named_ingredients
 from everplace.files import remove_leftovers, write_json
 from everplace.locking import locked
 from everplace.match.standardise import standardisable
 from everplace.progress import Progress, quiet
-from everplace.scoring.audit import Audit
+from everplace.route.route import Route
+from everplace.scoring.retrieval import Matching, Pair, Retrieval, Truth, pair_of, retrieve, true_matches
 
 __all__ = ["COSTS", "SCORES", "Cell", "Comparison", "compare_methods"]
 

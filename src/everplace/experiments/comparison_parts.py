@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from everplace.data.traverse import Traverse
-from everplace.describe.descriptors import Descriptors, load_descriptors
+from everplace.audit.leakage import Audit
+from everplace.describe.describer import Describer
+from everplace.describe.files.descriptors import Descriptors, load_descriptors
 from everplace.describe.pipeline import describe_traverse
-from everplace.describe.protocol import Describer
 from everplace.errors import DescriptorsError
 from everplace.files import remove_file, write_json, write_text
 from everplace.progress import Progress, quiet
-from everplace.scoring.audit import Audit
+from everplace.route.traverse import Traverse
 from everplace.scoring.scores import PrecisionRecall, Scores
 
 __all__ = ["PARTS", "MethodResult", "PairResult", "Part", "keep_pictures"]
@@ -44,7 +44,7 @@ class PairResult:
     Attributes:
         scores: See `everplace.scoring.scores`.
         curve: The best-match precision-recall curve.
-        new_place: See `everplace.experiments.retrieval.Retrieval`.
+        new_place: See `everplace.scoring.retrieval.Retrieval`.
     """
 
     scores: Scores
@@ -60,7 +60,7 @@ class MethodResult:
         pairs: By (query, database) traverse name.
         dimension: Numbers in a descriptor.
         ms_per_image: Description alone, see `everplace.describe.pipeline.time_describer`.
-        peak_memory_mb: See `everplace.describe.memory`; None where it could not be measured.
+        peak_memory_mb: See `everplace.describe.peak_memory`; None where it could not be measured.
         unmeasured: Why the peak memory could not be measured, if that failed.
         audit: The leakage audit, for the VAE family.
     """

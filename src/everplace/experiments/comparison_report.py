@@ -7,15 +7,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from everplace.describe.methods.vae import VAEDescriber
-from everplace.experiments.comparison import COSTS, SCORES, Cell, Comparison
-from everplace.experiments.comparison_parts import PairResult, keep_pictures
-from everplace.experiments.ingredients import named_method
-from everplace.experiments.latent_report import audit_section, latent_section
-from everplace.experiments.manifest import DEFINITIONS
-from everplace.experiments.pictures import match_figure, matrix_figure
-from everplace.experiments.retrieval import pair_of
-from everplace.experiments.wording import (
+from everplace.describe.runs.vae import VAEDescriber
+from everplace.experiments.captions import (
     match_caption,
     match_note,
     matching_words,
@@ -24,12 +17,19 @@ from everplace.experiments.wording import (
     right_words,
     score_words,
 )
+from everplace.experiments.comparison import COSTS, SCORES, Cell, Comparison
+from everplace.experiments.comparison_parts import PairResult, keep_pictures
+from everplace.experiments.latent_report import audit_section, latent_section
+from everplace.experiments.manifest import DEFINITIONS
+from everplace.experiments.recipe_names import named_method
+from everplace.experiments.retrieval_pictures import match_figure, matrix_figure
 from everplace.files import json_text, write_json, write_text
 from everplace.locking import locked
 from everplace.plots.canvas import new_figure, save_figure
 from everplace.plots.curves import draw_precision_recall_panels
 from everplace.plots.interactive import precision_recall_figure
 from everplace.report.html import Report, Section
+from everplace.scoring.retrieval import pair_of
 
 __all__ = ["write_comparison"]
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from everplace.data.images import ImageSpec, decode_image, resize_image
-from everplace.data.route import Route
-from everplace.data.selection import spread
 from everplace.errors import ImageError
+from everplace.images.decoding import ImageSpec, decode_image, resize_image
 from everplace.plots.canvas import Image, new_figure
 from everplace.plots.grid import draw_image_grid
+from everplace.route.route import Route
+from everplace.route.selection import spread
 
 __all__ = ["contact_sheet"]
 

@@ -6,19 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from everplace.data.images import ImageSpec
-from everplace.data.pack import pack
-from everplace.data.route import Route
-from everplace.data.selection import Selection
-from everplace.describe.methods.vae import VAEDescriber
-from everplace.describe.protocol import Describer, FittedDescriber
+from everplace.audit.leakage import Audit, audit
+from everplace.describe.describer import Describer, FittedDescriber
 from everplace.describe.registry import open_describer
-from everplace.experiments.ingredients import ingredient_metrics, named_ingredients, named_method
-from everplace.experiments.latent_report import LATENT_PICTURES, audit_section, latent_section
-from everplace.experiments.manifest import DEFINITIONS
-from everplace.experiments.pictures import match_figure, matrix_figure
-from everplace.experiments.retrieval import Matching, Pair, Retrieval, Truth, choose_pair, retrieve, true_matches
-from everplace.experiments.wording import (
+from everplace.describe.runs.vae import VAEDescriber
+from everplace.experiments.captions import (
     match_caption,
     match_note,
     matching_words,
@@ -27,14 +19,22 @@ from everplace.experiments.wording import (
     right_words,
     score_words,
 )
+from everplace.experiments.latent_report import LATENT_PICTURES, audit_section, latent_section
+from everplace.experiments.manifest import DEFINITIONS
+from everplace.experiments.recipe_names import ingredient_metrics, named_ingredients, named_method
+from everplace.experiments.retrieval_pictures import match_figure, matrix_figure
 from everplace.files import remove_file, write_json
+from everplace.images.decoding import ImageSpec
 from everplace.match.standardise import require_standardisable
 from everplace.plots.canvas import save_figure
 from everplace.plots.interactive import precision_recall_figure
 from everplace.progress import Progress, quiet
 from everplace.report.blocks import Value
 from everplace.report.html import Report
-from everplace.scoring.audit import Audit, audit
+from everplace.route.pack import pack
+from everplace.route.route import Route
+from everplace.route.selection import Selection
+from everplace.scoring.retrieval import Matching, Pair, Retrieval, Truth, choose_pair, retrieve, true_matches
 
 __all__ = [
     "Evaluation",

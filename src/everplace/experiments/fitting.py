@@ -9,16 +9,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from everplace.data.route import Route
-from everplace.data.selection import Selection, parse_frames, select, select_maps
-from everplace.describe.protocol import Describer
+from everplace.describe.describer import Describer
 from everplace.describe.registry import method_names, open_describer
 from everplace.errors import CheckpointError, ConfigError, ImageError, InputError, MethodError, OtherRunError
 from everplace.files import readable
 from everplace.locking import locked
 from everplace.progress import Progress, quiet
+from everplace.route.route import Route
+from everplace.route.selection import Selection, parse_frames, select, select_maps
 from everplace.training.config import FitConfig
-from everplace.training.methods import FITTED_METHODS, build_config, fit_method, require_fittable
+from everplace.training.fitted_methods import FITTED_METHODS, build_config, fit_method, require_fittable
 from everplace.training.run_directory import require_usable
 
 __all__ = ["Methods", "fit", "fit_and_open", "require_fit_settings", "run_of", "select_tested"]
@@ -197,7 +197,7 @@ def fit(route: Route, config: FitConfig, out: Path, name: str, progress: Progres
 
     Raises:
         OtherRunError: An earlier call used other settings or images.
-        InputError: The method cannot be fitted to this route; see `everplace.training.methods.fit_method`.
+        InputError: The method cannot be fitted to this route; see `everplace.training.fitted_methods.fit_method`.
     """
     run = run_of(out, name)
     _require_same_run(out, name, config)

@@ -8,23 +8,23 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from everplace.data.route import Route
-from everplace.describe.methods.vae import VAEDescriber
-from everplace.experiments.ingredients import named_method
-from everplace.experiments.translations import constant_figure, swap_figure, translation_figure
-from everplace.model.posterior import ACTIVE_ABOVE
-from everplace.plots.audit import draw_bars, draw_divergences
-from everplace.plots.canvas import new_axes, save_figure
-from everplace.plots.style import COLOURS, shortened, write_plainly
-from everplace.report.html import Section
-from everplace.scoring.audit import Audit, Probe
-from everplace.scoring.findings import (
+from everplace.audit.findings import (
     Finding,
     condition_finding,
     divergence_finding,
     place_finding,
     swap_finding,
 )  # fmt: skip
+from everplace.audit.leakage import Audit, Probe
+from everplace.describe.runs.vae import VAEDescriber
+from everplace.experiments.recipe_names import named_method
+from everplace.experiments.translations import constant_figure, swap_figure, translation_figure
+from everplace.model.posterior import ACTIVE_ABOVE
+from everplace.plots.canvas import new_axes, save_figure
+from everplace.plots.leakage_bars import draw_bars, draw_divergences
+from everplace.plots.style import COLOURS, shortened, write_plainly
+from everplace.report.html import Section
+from everplace.route.route import Route
 
 __all__ = ["LATENT_PICTURES", "audit_section", "latent_section"]
 

@@ -19,12 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from everplace.data.fingerprint import traverse_fingerprint
-from everplace.data.route import Route
 from everplace.errors import ConfigError, RouteError
-from everplace.experiments.retrieval import Matching, Truth, pair_of, true_matches
 from everplace.files import readable
 from everplace.progress import Progress, quiet
+from everplace.route.fingerprint import traverse_fingerprint
+from everplace.route.route import Route
+from everplace.scoring.retrieval import Matching, Truth, pair_of, true_matches
 
 __all__ = ["DEFINITIONS", "MANIFEST", "Study", "open_study", "require_same_study"]
 

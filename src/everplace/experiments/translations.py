@@ -9,21 +9,21 @@ import torch
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from everplace.data.images import ImageSpec, decode_images
-from everplace.data.route import Route
-from everplace.data.selection import spread
-from everplace.data.traverse import Traverse
+from everplace.audit.leakage import encode_frames
+from everplace.describe.runs.kind_of_run import kind_of_run
 from everplace.errors import CheckpointError, RouteError
 from everplace.files import readable
+from everplace.images.decoding import ImageSpec, decode_images
 from everplace.model.checkpoint import Checkpoint, load_checkpoint
-from everplace.model.checkpoint_kind import kind_of_run
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.config import LABELLED_KINDS
-from everplace.model.images import to_pixels
 from everplace.model.inference import inference
+from everplace.model.model_config import LABELLED_KINDS
+from everplace.model.pixels import to_pixels
 from everplace.plots.canvas import new_figure
 from everplace.plots.grid import Translation, draw_constant_grid, draw_swap_grid, draw_translations
-from everplace.scoring.audit import encode_frames
+from everplace.route.route import Route
+from everplace.route.selection import spread
+from everplace.route.traverse import Traverse
 
 __all__ = ["constant_figure", "load_divided", "swap_figure", "translation_figure"]
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.data.images import usable_cores
-from everplace.describe.descriptors import Descriptors
+from everplace.describe.files.descriptors import Descriptors
 from everplace.errors import ConfigError, DescriptorsError
-from everplace.match.place_posterior import PlacePosterior
+from everplace.fabmap.place_posterior import PlacePosterior
+from everplace.images.decoding import usable_cores
 
 __all__ = ["best_columns", "similarity", "similarity_blocks", "top_k"]
 
@@ -28,7 +28,7 @@ def similarity(query: Descriptors, database: Descriptors) -> NDArray[np.float32]
     Cosine, Eq. 6 of the paper: q·d / (|q| |d|), in [-1, 1]; a zero vector is like nothing, 0.
     Mean absolute difference: -Σ|q - d| / D, at most 0.
     Place posterior (FAB-MAP): the logarithm of the probability of the place given the query, over all places of the
-    database and a new one, at most 0; see `everplace.match.place_posterior`.
+    database and a new one, at most 0; see `everplace.fabmap.place_posterior`.
 
     Args:
         query: M descriptors, the rows.
@@ -161,7 +161,7 @@ def _comparison(query: Descriptors, database: Descriptors) -> Callable[[slice, s
         directions = _directions(query.values), _directions(database.values)
         return lambda rows, columns: _cosine(directions[0][rows], directions[1][columns])
     if query.metric == "place-posterior":
-        return PlacePosterior(query, database).log_probability
+        return PlacePosterior(query.values, database.values).log_probability
     return lambda rows, columns: 0 - _mean_absolute_difference(query.values[rows], database.values[columns])
 
 

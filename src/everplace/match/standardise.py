@@ -11,8 +11,8 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from everplace.describe.descriptors import Descriptors
-from everplace.describe.protocol import Metric
+from everplace.describe.describer import Metric
+from everplace.describe.files.descriptors import Descriptors
 from everplace.errors import ConfigError
 
 __all__ = ["Standardisation", "require_standardisable", "standardisable", "standardise"]

@@ -7,8 +7,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from everplace.model.config import ModelConfig
-from everplace.model.oriented_gradients import OrientedGradients
+from everplace.adapt.oriented_gradients import OrientedGradients
+from everplace.model.model_config import ModelConfig
 from everplace.model.posterior import Posterior
 
 __all__ = [

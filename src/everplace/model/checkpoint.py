@@ -13,10 +13,10 @@ from torch import Tensor
 
 from everplace.errors import CheckpointError
 from everplace.files import readable
-from everplace.model.about import plain_values, stems_seen
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.config import ModelConfig
-from everplace.model.tensor_file import load_tensors, save_tensors
+from everplace.model.model_config import ModelConfig
+from everplace.model.provenance import plain_values, stems_seen
+from everplace.tensor_file import load_tensors, save_tensors
 
 __all__ = ["CHECKPOINT_NAME", "Checkpoint", "load_checkpoint", "save_checkpoint"]
 

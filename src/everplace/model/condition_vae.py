@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from everplace.model.architecture import Decoder, Encoder
-from everplace.model.config import ModelConfig
+from everplace.model.model_config import ModelConfig
 from everplace.model.place_head import PlaceHead, PositionHead
 from everplace.model.posterior import LatentSplit, Posterior
 

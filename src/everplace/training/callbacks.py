@@ -11,14 +11,14 @@ import lightning
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from everplace.model.about import HELD_OUT_STEMS, TRAINED_STEMS
 from everplace.model.bounds import Weights
 from everplace.model.checkpoint import save_checkpoint
+from everplace.model.provenance import HELD_OUT_STEMS, TRAINED_STEMS
 from everplace.training.config import TrainConfig
 from everplace.training.frames import SplitRoute
-from everplace.training.metrics import MetricsTable
+from everplace.training.metrics_table import MetricsTable
 from everplace.training.module import BoundModule
-from everplace.training.state import RunProgress, save_state
+from everplace.training.resume_state import RunProgress, save_state
 from everplace.training.validation import criterion_name, validate
 
 __all__ = ["CollapseWarning", "RunKeeper", "TrainingDisplay"]

@@ -9,13 +9,13 @@ from typing import Annotated, Any, Literal, TypeVar
 import tomli_w
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
-from everplace.data.augment import Augmentation
-from everplace.data.virtual_places import VirtualPlaces
 from everplace.errors import ConfigError, SettingError
 from everplace.files import readable, write_text
-from everplace.model.config import ModelKind, PlaceTerm
+from everplace.model.model_config import ModelKind, PlaceTerm
+from everplace.training.augment import Augmentation
 from everplace.training.recipes import recipe
 from everplace.training.sections import NonNegative, PlaceProjection, Positive, Remedies, Section, TermWeights
+from everplace.training.virtual_places import VirtualPlaces
 
 if sys.version_info >= (3, 11):
     import tomllib

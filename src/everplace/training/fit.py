@@ -9,12 +9,12 @@ from pathlib import Path
 import torch
 from pydantic import ValidationError
 
-from everplace.data.route import Route
 from everplace.errors import ConfigError
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.config import ModelConfig
 from everplace.model.inference import default_device
+from everplace.model.model_config import ModelConfig
 from everplace.progress import Progress, quiet
+from everplace.route.route import Route
 from everplace.training.callbacks import RunKeeper
 from everplace.training.config import TrainConfig
 from everplace.training.frames import (
@@ -28,9 +28,9 @@ from everplace.training.module import BoundModule
 from everplace.training.pairs import make_frames, make_order, require_shares
 from everplace.training.place_projection import fit_place_projection
 from everplace.training.remedies import RemedyTerms
+from everplace.training.resume_state import ResumeState, RunProgress, require_fitting, save_state
 from everplace.training.run_directory import locked_run, prepare_run, require_same_images, require_usable
-from everplace.training.selection import select_route
-from everplace.training.state import ResumeState, RunProgress, require_fitting, save_state
+from everplace.training.select_route import select_route
 from everplace.training.trainer import make_trainer, own_device, require_devices, run_trainer, torch_settings_kept
 from everplace.training.validation import criterion_name
 

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
-from everplace.data.augment import Augmentation, augment, augmentation_rng
-from everplace.data.images import ImageSpec
-from everplace.data.pack import pack
-from everplace.data.route import Route
-from everplace.data.traverse import Traverse
 from everplace.errors import RouteError
 from everplace.files import readable
+from everplace.images.decoding import ImageSpec
 from everplace.progress import Progress, quiet
+from everplace.route.pack import pack
+from everplace.route.route import Route
+from everplace.route.traverse import Traverse
+from everplace.training.augment import Augmentation, augment, augmentation_rng
 from everplace.training.config import TrainConfig
 
 __all__ = [

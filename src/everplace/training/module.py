@@ -16,7 +16,7 @@ from torch import Tensor
 from everplace.errors import DivergedError
 from everplace.model.bounds import Weights, optimal_log_sigma, soft_clipped_log_sigma, soft_place_targets
 from everplace.model.condition_vae import ConditionVAE, Output
-from everplace.model.images import to_input
+from everplace.model.pixels import to_input
 from everplace.model.place_head import PlaceHead
 from everplace.model.posterior import ACTIVE_ABOVE
 from everplace.training.config import TrainConfig

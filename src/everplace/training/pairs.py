@@ -6,12 +6,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from everplace.data.augment import Augmentation, augment, augmentation_rng
-from everplace.data.virtual_places import VirtualPlaces, virtual_pairs
 from everplace.errors import ConfigError, RouteError
+from everplace.training.augment import Augmentation, augment, augmentation_rng
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch, EpochOrder, SplitRoute, TrainingFrames
 from everplace.training.sections import Remedies
+from everplace.training.virtual_places import VirtualPlaces, virtual_pairs
 
 __all__ = ["PairOrder", "PairedFrames", "make_frames", "make_order", "require_shares"]
 

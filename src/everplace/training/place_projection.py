@@ -10,12 +10,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from everplace.adapt.discriminant import PlaceScatter
+from everplace.adapt.oriented_gradients import OrientedGradients
 from everplace.errors import ConfigError
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.discriminant import PlaceScatter
-from everplace.model.images import to_input
 from everplace.model.inference import inference
-from everplace.model.oriented_gradients import OrientedGradients
+from everplace.model.pixels import to_input
 from everplace.progress import Progress, quiet
 from everplace.training.frames import SplitRoute
 from everplace.training.sections import PlaceProjection

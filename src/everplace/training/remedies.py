@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from everplace.model.bounds import Weights, gaussian_log_likelihood, label_log_likelihood
 from everplace.model.condition_vae import ConditionVAE, Output
-from everplace.model.config import ModelConfig
+from everplace.model.model_config import ModelConfig
 from everplace.model.posterior import LatentSplit, Posterior
 from everplace.model.remedies import ConditionAdversary, ConditionalPrior, free_bits, info_nce, reversal_strength
 from everplace.training.sections import Remedies

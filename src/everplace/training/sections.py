@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from everplace.data.virtual_places import VirtualPlaces
+from everplace.training.virtual_places import VirtualPlaces
 
 __all__ = ["NonNegative", "PlaceProjection", "Positive", "Remedies", "Section", "TermWeights"]
 

@@ -23,12 +23,12 @@ from torch.utils.data import DataLoader
 
 from everplace.errors import ConfigError
 from everplace.model.inference import default_device
-from everplace.training.ahead import BatchesAhead
 from everplace.training.callbacks import RunKeeper, TrainingDisplay
 from everplace.training.config import TrainConfig
 from everplace.training.frames import Batch, EpochOrder, TrainingFrames
 from everplace.training.module import BoundModule
-from everplace.training.state import RunProgress
+from everplace.training.prefetch import BatchesAhead
+from everplace.training.resume_state import RunProgress
 
 __all__ = [
     "GRADIENT_NORM",

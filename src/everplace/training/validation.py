@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from everplace.describe.descriptors import Descriptors
+from everplace.describe.files.descriptors import Descriptors
 from everplace.match.similarity import similarity
 from everplace.model.bounds import Weights
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.images import to_input
 from everplace.model.inference import inference
+from everplace.model.pixels import to_input
 from everplace.scoring.scores import evaluate
 from everplace.training.config import TrainConfig
 from everplace.training.frames import FrameBlock, SplitRoute

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from everplace.data.images import ImageSpec
 from everplace.describe.methods import alexnet
-from everplace.describe.network import NetworkDescriber
-from everplace.describe.projection import GaussianProjection
+from everplace.describe.pretrained.gaussian_projection import GaussianProjection
+from everplace.describe.pretrained.network import NetworkDescriber
 from everplace.describe.registry import open_describer
 from everplace.downloads import fetching
 from everplace.errors import MethodError
+from everplace.images.decoding import ImageSpec
 
 DIMENSION = 48  # instead of 4,096: the matrix of that many rows takes 1 GB
 

@@ -11,11 +11,11 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from everplace.data.images import ImageSpec
-from everplace.data.route import open_route
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
 from everplace.errors import InputError, MethodError
+from everplace.images.decoding import ImageSpec
+from everplace.route.route import open_route
 
 HUBCONF = '''
 dependencies = ["torch"]

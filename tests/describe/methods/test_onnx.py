@@ -13,12 +13,12 @@ import pytest
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-from everplace.data.images import ImageSpec
-from everplace.data.route import open_route
 from everplace.describe.methods.onnx import OnnxDescriber, open_method
 from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MethodError, MissingExtraError
+from everplace.images.decoding import ImageSpec
+from everplace.route.route import open_route
 
 H, W = 6, 10
 TOML = 'image_size = [6, 10]\ncolour = "rgb"\nmean = [0.1, 0.2, 0.3]\nscale = [0.5, 1.0, 2.0]\n'

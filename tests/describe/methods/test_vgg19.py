@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from everplace.data.images import ImageSpec
 from everplace.describe.methods import vgg19
 from everplace.describe.registry import open_describer
 from everplace.downloads import fetching
 from everplace.errors import MethodError
+from everplace.images.decoding import ImageSpec
 
 SaveRandomWeights: TypeAlias = Callable[[Path, Mapping[str, nn.Module]], dict[str, Tensor]]
 CONVOLUTIONS = ((0, 2), (5, 7), (10, 12, 14, 16), (19, 21, 23, 25), (28, 30, 32, 34))

@@ -14,10 +14,10 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from everplace.describe.network import NetworkDescriber
-from everplace.describe.network_input import IMAGENET
-from everplace.describe.projection import GaussianProjection
-from everplace.describe.weights import PublishedWeights, fetch_weights, load_weights, weight_file
+from everplace.describe.pretrained.gaussian_projection import GaussianProjection
+from everplace.describe.pretrained.network import NetworkDescriber
+from everplace.describe.pretrained.network_input import IMAGENET
+from everplace.describe.pretrained.weights import PublishedWeights, fetch_weights, load_weights, weight_file
 from everplace.progress import Progress
 
 __all__ = ["WEIGHTS", "alexnet_features", "open_method", "prepare"]

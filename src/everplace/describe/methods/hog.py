@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.data.images import ImageSpec
-from everplace.describe.protocol import Describer, Metric, require_images, require_no_argument
+from everplace.describe.describer import Describer, Metric, require_images, require_no_argument
+from everplace.images.decoding import ImageSpec
 
 __all__ = ["HOG", "open_method"]
 

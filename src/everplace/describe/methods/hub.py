@@ -19,9 +19,9 @@ from __future__ import annotations
 import json
 from urllib.parse import unquote
 
-from everplace.describe.hub_repository import load_network, parse_repository
-from everplace.describe.network import NetworkDescriber
-from everplace.describe.network_input import IMAGENET, Normalisation
+from everplace.describe.pretrained.hub_repository import load_network, parse_repository
+from everplace.describe.pretrained.network import NetworkDescriber
+from everplace.describe.pretrained.network_input import IMAGENET, Normalisation
 from everplace.errors import ConfigError
 
 __all__ = ["open_method"]

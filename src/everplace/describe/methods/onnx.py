@@ -1,8 +1,8 @@
 """Any descriptor network in an ONNX file: `onnx:NAME.onnx`, with `NAME.toml` beside it.
 
-The TOML says which images the network wants (see `everplace.describe.onnx_toml`); the network has one input, of a fixed
-or free number of images, and gives B×D numbers, 4 D bytes a descriptor, compared by cosine. `everplace export` writes
-such a pair for a trained model, and says in the network how it was trained. ONNX (https://onnx.ai) is a file of
+The TOML says which images the network wants (`everplace.describe.pretrained.onnx_toml`); the network has one input, of
+a fixed or free number of images, and gives B×D numbers, 4 D bytes a descriptor, compared by cosine. `everplace export`
+writes such a pair for a trained model, and says in the network how it was trained. ONNX (https://onnx.ai) is a file of
 operators and numbers: opening one runs no code of its maker. It runs in onnxruntime, without torch.
 """
 
@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.data.images import ImageSpec, usable_cores
-from everplace.describe.network_input import Normalisation, network_input
-from everplace.describe.onnx_about import read_about
-from everplace.describe.onnx_toml import OnnxToml, onnx_toml_path, read_onnx_toml
-from everplace.describe.protocol import Metric, require_images
+from everplace.describe.describer import Metric, require_images
+from everplace.describe.pretrained.network_input import Normalisation, network_input
+from everplace.describe.pretrained.onnx_metadata import read_about
+from everplace.describe.pretrained.onnx_toml import OnnxToml, onnx_toml_path, read_onnx_toml
 from everplace.downloads import sha256_of
 from everplace.errors import ConfigError, MethodError, MissingExtraError
 from everplace.files import readable
-from everplace.model.about import plain_values, stems_seen
+from everplace.images.decoding import ImageSpec, usable_cores
+from everplace.model.provenance import plain_values, stems_seen
 
 if TYPE_CHECKING:
     import onnxruntime

@@ -1,7 +1,7 @@
 """SAD: the patch-normalised thumbnail of SeqSLAM, compared by the sum of absolute differences.
 
 Milford and Wyeth, "SeqSLAM: Visual Route-Based Navigation for Sunny Summer Days and Stormy Winter Nights",
-ICRA 2012. Frame by frame; SeqSLAM's search for sequences is a separate step (`everplace.match.sequence`).
+ICRA 2012. Frame by frame; SeqSLAM's search for sequences is a separate step (`everplace.sequences.sequence_search`).
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.data.images import ImageSpec
-from everplace.describe.protocol import Describer, Metric, require_images, require_no_argument
+from everplace.describe.describer import Describer, Metric, require_images, require_no_argument
+from everplace.images.decoding import ImageSpec
 
 __all__ = ["SAD", "normalise_patches", "open_method"]
 

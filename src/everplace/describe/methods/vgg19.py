@@ -17,9 +17,9 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from everplace.describe.network import NetworkDescriber
-from everplace.describe.network_input import IMAGENET
-from everplace.describe.weights import PublishedWeights, fetch_weights, load_weights, weight_file
+from everplace.describe.pretrained.network import NetworkDescriber
+from everplace.describe.pretrained.network_input import IMAGENET
+from everplace.describe.pretrained.weights import PublishedWeights, fetch_weights, load_weights, weight_file
 from everplace.errors import MethodError
 from everplace.progress import Progress
 

@@ -1,0 +1,102 @@
+"""Writes an aligned route: links to the images, what is known of them, and a table of the stems."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+from everplace.alignment.align import Alignment
+from everplace.errors import RouteError
+from everplace.files import readable
+from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse
+from everplace.importing.import_route import ImportSummary, write_route
+from everplace.progress import Progress, quiet
+from everplace.route.folder import TIMES_CSV
+from everplace.route.route import Traverse
+from everplace.route.times import read_times
+from everplace.route.truth import TruthPair, TruthTable
+
+__all__ = ["ALIGNMENT_CSV", "write_aligned"]
+
+ALIGNMENT_CSV = "alignment.csv"
+"""In an aligned route: which frame of each drive became which stem."""
+
+
+def write_aligned(alignment: Alignment, out: Path, progress: Progress = quiet) -> ImportSummary:
+    """Writes an aligned route: links to the images under the reference's stems, what is known of them, and a table.
+
+    Poses, times, conditions, tolerance, radius and protocol come along. So does a file of pairs, under the new stems;
+    a note says how many pairs are left out because a frame of theirs is.
+
+    Args:
+        alignment: What to write.
+        out: The route's directory; it must not exist, or be empty.
+        progress: Shows how far it has come.
+
+    Raises:
+        ConfigError: `out` exists and is not an empty directory.
+        RouteError: Times or a file of pairs are wrong, or no pair of the file is left.
+        StorageError: The route cannot be written; nothing is left behind.
+    """
+    route = alignment.route
+    stems = route[alignment.reference].take(alignment.frames[alignment.reference]).stems
+
+    def traverses() -> Iterator[ForeignTraverse]:
+        for traverse in route.traverses:
+            chosen = traverse.take(alignment.frames[traverse.name])
+            yield ForeignTraverse(traverse.name, _frames(chosen, stems), traverse.condition, len(chosen))
+
+    pairs, notes = (None, ()) if route.truth is None else _renamed_pairs(alignment, route.truth, stems)
+    foreign = ForeignRoute(
+        traverses(), route.tolerance, route.radius,
+        truth=None if pairs is None else iter(pairs), notes=notes, protocol=route.protocol or "",
+    )  # fmt: skip
+    origin = f"Aligned with {alignment.reference} by {alignment.how}; see {ALIGNMENT_CSV}."
+    return write_route(
+        foreign, route.root, out, origin, files={ALIGNMENT_CSV: _table(alignment, stems)}, progress=progress
+    )
+
+
+def _frames(traverse: Traverse, stems: tuple[str, ...]) -> Iterator[ForeignFrame]:
+    path = traverse.root / TIMES_CSV
+    times = read_times(path, traverse.stems).tolist() if path.exists() else [None] * len(traverse)
+    for stem, frame, seconds in zip(stems, traverse, times, strict=True):
+        # A link to a link would break with the route in between.
+        yield ForeignFrame(stem, frame.path.resolve(), frame.pose, seconds)
+
+
+def _renamed_pairs(
+    alignment: Alignment, truth: TruthTable, stems: tuple[str, ...]
+) -> tuple[list[TruthPair], tuple[str, ...]]:
+    """Returns the pairs of which both frames are left, under their new stems, and a note on the others."""
+    places = {
+        traverse.name: dict(zip(traverse.take(alignment.frames[traverse.name]).stems, stems, strict=True))
+        for traverse in alignment.route.traverses
+    }
+    pairs: list[TruthPair] = []
+    lost = 0
+    for pair in truth.pairs():
+        query = places.get(pair.query_traverse, {}).get(pair.query)
+        database = places.get(pair.database_traverse, {}).get(pair.database)
+        if query is None or database is None:
+            lost += 1
+        else:
+            pairs.append(pair._replace(query=query, database=database))
+    if not pairs:
+        raise RouteError(
+            f"no pair of {readable(truth.path)} is left between the aligned frames; take `truth` out of route.toml if "
+            "the aligned stems are to tell the places"
+        )
+    note = f"{lost} of {lost + len(pairs)} pairs of {truth.path.name} were left out: a frame of theirs has no partner."
+    return pairs, (note,) if lost else ()
+
+
+def _table(alignment: Alignment, stems: tuple[str, ...]) -> str:
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    traverses = [traverse.take(alignment.frames[traverse.name]) for traverse in alignment.route.traverses]
+    lines.writerow(["stem", *(traverse.name for traverse in traverses)])
+    lines.writerows(zip(stems, *(traverse.stems for traverse in traverses), strict=True))
+    return text.getvalue()

@@ -1,0 +1,269 @@
+"""Descriptors of a traverse: in memory, in everplace's HDF5 file, and in hloc's layout.
+
+The file: dataset `descriptors` N×D float32, dataset `names` N UTF-8 strings, where known `image_names` N UTF-8
+strings and `variance` N×D float32, and the attributes `method`, `metric`, `settings` (JSON), `everplace_version`.
+A file from elsewhere needs the first two only: its method is then "unknown" and its metric cosine. hloc's layout
+(`everplace.describe.files.hloc_layout`) gets the same attributes, which hloc does not look at.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, cast, get_args
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.describe.describer import Metric, Settings
+from everplace.describe.files.hdf5 import (
+    BYTES_OF_NAMES,
+    find_dataset,
+    image_of,
+    in_memory,
+    read_numbers,
+    read_text,
+    read_texts,
+    write_texts,
+)
+from everplace.describe.files.hloc_layout import is_hloc_layout, read_groups, write_groups
+from everplace.errors import DescriptorsError
+from everplace.files import readable, write_bytes
+
+__all__ = ["Descriptors", "load_descriptors"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Descriptors:
+    """N descriptors with the names of their frames and how they were made.
+
+    Attributes:
+        values: N×D float32, finite.
+        names: N distinct names, frame by frame.
+        method: The method that made them.
+        metric: How two of them are compared.
+        settings: All that changed the numbers; descriptors of other settings are not compared.
+        variance: N×D float32, finite and not negative, where the method knows it.
+        image_names: N distinct names of the image files, with their endings, from the directory of images on, where
+            they are known.
+
+    Raises:
+        DescriptorsError: The arrays and names do not fit together, or a value is not finite.
+    """
+
+    values: NDArray[np.float32]
+    names: tuple[str, ...]
+    method: str
+    metric: Metric = "cosine"
+    settings: Settings = field(default_factory=dict)
+    variance: NDArray[np.float32] | None = None
+    image_names: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "names", tuple(self.names))
+        _check_names(self.names)
+        if self.image_names is not None:
+            object.__setattr__(self, "image_names", tuple(self.image_names))
+            self._check_image_names(self.image_names)
+        object.__setattr__(self, "values", self._checked(self.values, "descriptors"))
+        if self.metric not in get_args(Metric):
+            raise DescriptorsError(f"the metric must be one of {', '.join(get_args(Metric))}, not {self.metric!r}")
+        if self.variance is not None:
+            object.__setattr__(self, "variance", self._checked_variance(self.variance))
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def dimension(self) -> int:
+        """D, the number of values of one descriptor."""
+        return int(self.values.shape[1])
+
+    def of(self, names: Sequence[str]) -> Descriptors:
+        """The descriptors of the frames with these names, in the order given.
+
+        Raises:
+            DescriptorsError: A name is not among them, or occurs twice.
+        """
+        if tuple(names) == self.names:
+            return self
+        position = {name: index for index, name in enumerate(self.names)}
+        for name in names:
+            if name not in position:
+                raise DescriptorsError(f"there is no descriptor of the frame {readable(name)!r}; describe it too")
+        return self.take([position[name] for name in names])
+
+    def take(self, frames: slice | Sequence[int]) -> Descriptors:
+        """The descriptors of the frames at these positions, in the order given; no position twice."""
+        rows = np.arange(len(self))[frames].tolist()
+        image_names = self.image_names
+        return replace(
+            self,
+            values=self.values[frames],
+            names=tuple(self.names[row] for row in rows),
+            variance=None if self.variance is None else self.variance[frames],
+            image_names=None if image_names is None else tuple(image_names[row] for row in rows),
+        )
+
+    def under(self, directory: str) -> Descriptors:
+        """The same, the image files named from further up: `directory` and a slash come before each name."""
+        if self.image_names is None:
+            return self
+        return replace(self, image_names=tuple(f"{directory}/{name}" for name in self.image_names))
+
+    def _checked(self, array: NDArray[Any], what: str) -> NDArray[np.float32]:
+        array = np.asarray(array)
+        if array.dtype.kind != "f":
+            raise DescriptorsError(f"the {what} must be floating-point numbers, not {array.dtype}")
+        if array.ndim != 2 or array.size == 0:
+            raise DescriptorsError(f"the {what} must be N×D numbers of at least one frame, not of shape {array.shape}")
+        if len(array) != len(self.names):
+            raise DescriptorsError(f"there are {len(array)} rows of {what} for {len(self.names)} names")
+        with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is named below
+            array = np.ascontiguousarray(array, np.float32)
+        finite = np.isfinite(array.min(axis=1)) & np.isfinite(array.max(axis=1))  # both hand NaN on
+        if not finite.all():
+            name = self.names[int(np.argmin(finite))]
+            raise DescriptorsError(f"the {what} of frame {readable(name)!r} holds NaN or infinity; look at its image")
+        return array
+
+    def _check_image_names(self, image_names: tuple[str, ...]) -> None:
+        _check_names(image_names)
+        if len(image_names) != len(self.names):
+            raise DescriptorsError(f"there are {len(image_names)} image names for {len(self.names)} names")
+
+    def _checked_variance(self, array: NDArray[Any]) -> NDArray[np.float32]:
+        variance = self._checked(array, "variance")
+        if variance.shape != self.values.shape:
+            raise DescriptorsError(
+                f"the variance has shape {variance.shape}, not {self.values.shape} as the descriptors"
+            )
+        negative = variance.min(axis=1) < 0
+        if negative.any():
+            name = self.names[int(np.argmax(negative))]
+            raise DescriptorsError(f"the variance of frame {readable(name)!r} is negative; look at the model")
+        return variance
+
+    def save(self, path: str | Path) -> None:
+        """Writes everplace's HDF5 file, whole or not at all.
+
+        Raises:
+            StorageError: The place cannot be written to.
+        """
+        with in_memory() as file:
+            file["descriptors"] = self.values
+            if self.variance is not None:
+                file["variance"] = self.variance
+            write_texts(file, "names", self.names)
+            if self.image_names is not None:
+                write_texts(file, "image_names", self.image_names)
+            self._write_attributes(file)
+            image = image_of(file)
+        write_bytes(Path(path), image)
+
+    def write_hloc(self, path: str | Path) -> None:
+        """Writes hloc's layout, see `everplace.describe.files.hloc_layout`; without image names, by the names.
+
+        Raises:
+            DescriptorsError: A name cannot be an HDF5 group: it is not UTF-8, holds a line break, has an empty part,
+                or is the directory of another.
+            StorageError: The place cannot be written to.
+        """
+        with in_memory() as file:
+            write_groups(file, self.names if self.image_names is None else self.image_names, self.values)
+            self._write_attributes(file)
+            image = image_of(file)
+        write_bytes(Path(path), image)
+
+    def _write_attributes(self, file: h5py.File) -> None:
+        file.attrs["method"] = self.method
+        file.attrs["metric"] = self.metric
+        file.attrs["settings"] = json.dumps(dict(self.settings), sort_keys=True)
+        file.attrs["everplace_version"] = _version()
+
+
+def load_descriptors(path: str | Path) -> Descriptors:
+    """Reads everplace's HDF5 file of descriptors, or hloc's layout, whose frames come in natural order of their stems.
+
+    Raises:
+        DescriptorsError: The file is missing, is no such file, or its parts do not fit together.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise DescriptorsError(f"there is no descriptor file {readable(path)}; make one with `everplace describe`")
+    try:
+        with h5py.File(path, "r") as file:
+            return _read(file)
+    except DescriptorsError as error:
+        raise DescriptorsError(f"{readable(path)} cannot be read: {error}") from error
+    except (
+        OSError,
+        RuntimeError,
+        KeyError,
+        ValueError,
+        TypeError,
+    ) as error:  # what h5py raises for a damaged file
+        raise DescriptorsError(
+            f"{readable(path)} is no readable HDF5 file ({error}); make it again with `everplace describe`"
+        ) from error
+
+
+def _read(file: h5py.File) -> Descriptors:
+    method = read_text(file, "method", "unknown")
+    metric = cast("Metric", read_text(file, "metric", "cosine"))
+    settings = _settings(read_text(file, "settings", "{}"))
+    if is_hloc_layout(file):
+        stems, images, rows = read_groups(file)
+        return Descriptors(rows, stems, method, metric, settings, image_names=images)
+    values = find_dataset(file, "descriptors")
+    names = find_dataset(file, "names")
+    if values.ndim == 2 and names.ndim == 1 and len(names) != len(values):
+        raise DescriptorsError(f"there are {len(values)} rows of descriptors for {len(names)} names")
+    return Descriptors(
+        read_numbers(values, "descriptors"),
+        read_texts(names, "names"),
+        method,
+        metric,
+        settings,
+        read_numbers(find_dataset(file, "variance"), "variance") if "variance" in file else None,
+        read_texts(find_dataset(file, "image_names"), "image_names") if "image_names" in file else None,
+    )
+
+
+def _settings(text: str) -> Settings:
+    try:
+        settings = json.loads(text)
+    except ValueError as error:
+        raise DescriptorsError(f"its attribute `settings` is no JSON ({error})") from error
+    if not isinstance(settings, dict) or not all(isinstance(v, str | int | float) for v in settings.values()):
+        raise DescriptorsError("its attribute `settings` must be a JSON object of texts, numbers, true and false")
+    return settings
+
+
+def _check_names(names: tuple[str, ...]) -> None:
+    for name in names:
+        if not name or "\0" in name or not _is_encodable(name):
+            raise DescriptorsError(f"{name!r} cannot name a frame; give it a name that a file could have")
+    if len(set(names)) < len(names):
+        twice = Counter(names).most_common(1)[0][0]
+        raise DescriptorsError(f"the name {readable(twice)!r} occurs twice; every frame needs its own")
+
+
+def _is_encodable(name: str) -> bool:
+    try:
+        name.encode("utf-8", BYTES_OF_NAMES)
+    except UnicodeEncodeError:  # half of a surrogate pair
+        return False
+    return True
+
+
+def _version() -> str:
+    try:
+        return importlib.metadata.version("everplace")
+    except importlib.metadata.PackageNotFoundError:  # run from a source tree that is not installed
+        return "unknown"

@@ -1,0 +1,49 @@
+"""What an exported network says of the run it came from, in the ONNX file's own metadata.
+
+Without it a network that was trained on the tested places could not be told from one that was not.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from everplace.errors import MethodError
+from everplace.files import readable
+
+__all__ = ["read_about", "write_about"]
+
+_KEY = "everplace.about"
+
+
+def write_about(network: Path, about: Mapping[str, Any]) -> None:
+    """Adds `about` (see `everplace.model.provenance`) to an ONNX file."""
+    import onnx
+
+    model = onnx.load(str(network))
+    entry = model.metadata_props.add()
+    entry.key, entry.value = _KEY, json.dumps(about, ensure_ascii=False)
+    onnx.save(model, str(network))
+
+
+def read_about(network: Path, metadata: Mapping[str, str]) -> dict[str, Any]:
+    """Reads it back; empty for a network that was exported by something else.
+
+    Args:
+        network: The ONNX file, for the message.
+        metadata: Its own key and value pairs.
+
+    Raises:
+        MethodError: The entry is not what `write_about` writes.
+    """
+    if _KEY not in metadata:
+        return {}
+    try:
+        about = json.loads(metadata[_KEY])
+    except (ValueError, RecursionError):
+        about = None
+    if not isinstance(about, dict):
+        raise MethodError(f"what {readable(network)} says of its making ({_KEY}) is damaged; export the run again")
+    return about

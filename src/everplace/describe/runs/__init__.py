@@ -1,0 +1,1 @@
+"""Describers of run directories, one module a kind of fitted model."""

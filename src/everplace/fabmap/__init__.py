@@ -1,0 +1,1 @@
+"""FAB-MAP: vocabulary, Chow-Liu tree, likelihood of an observation, posterior over places."""

@@ -1,0 +1,1 @@
+"""Foreign files, read strictly: archives, trees of files, .seq, videos, bags, .npy."""

@@ -1,0 +1,116 @@
+"""What a source of routes gives: traverses whose frames are read one by one, so that none is held in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+
+from everplace.route.traverse import Pose
+from everplace.route.truth import TruthPair
+
+__all__ = ["Content", "Encoded", "ForeignFrame", "ForeignRoute", "ForeignTraverse", "Source", "SourceOptions"]
+
+
+class Encoded(NamedTuple):
+    """An image file's content, from inside an archive or a recording.
+
+    Attributes:
+        data: The bytes of the file.
+        ending: Its ending, dot included, such as `.jpg`.
+    """
+
+    data: bytes
+    ending: str
+
+
+Content: TypeAlias = Path | Encoded | NDArray[np.uint8]
+"""A file that can stay where it is, an encoded image, or H×W×C pixels (C = 1 grey, 3 RGB)."""
+
+
+class ForeignFrame(NamedTuple):
+    """One frame as a source gives it.
+
+    Attributes:
+        stem: What it will be called; the same stem in two traverses is the same place. No `/`, not hidden.
+        content: Its image.
+        pose: Where it was taken, if the source knows.
+        seconds: When it was taken, if the source knows, from any fixed moment.
+    """
+
+    stem: str
+    content: Content
+    pose: Pose | None = None
+    seconds: float | None = None
+
+
+@dataclass(frozen=True)
+class ForeignTraverse:
+    """One drive as a source gives it.
+
+    Attributes:
+        name: Name of its directory in the route.
+        frames: Read once, in order; closing it releases what it reads from.
+        condition: The condition; empty: the name.
+        count: How many frames will come, for a progress bar; None: not known before.
+    """
+
+    name: str
+    frames: Iterator[ForeignFrame]
+    condition: str = ""
+    count: int | None = None
+
+
+@dataclass(frozen=True)
+class ForeignRoute:
+    """All that a source gives.
+
+    Attributes:
+        traverses: Opened one after the other; each is read to its end before the next is asked for.
+        tolerance: Frames by which a match may be off, if the data set's protocol says so.
+        radius: Metres by which a match may be off, if it says so; not beside `tolerance`.
+        truth: Which frames show the same place, where neither stems nor poses tell it: read once, after the
+            traverses, and every frame it names is in them; not beside `tolerance` or `radius`.
+        notes: Sentences that the user should read: what was left out and why, licence, protocol.
+        protocol: The published protocol that chose the frames and the tolerance; empty: none.
+        aligned: Whether equal stems in two traverses are the same place.
+    """
+
+    traverses: Iterator[ForeignTraverse]
+    tolerance: int | None = None
+    radius: float | None = None
+    truth: Iterator[TruthPair] | None = None
+    notes: tuple[str, ...] = ()
+    protocol: str = ""
+    aligned: bool = True
+
+
+class SourceOptions(BaseModel):
+    """Base of the options of a kind, given as `--set name=value`; their docstrings are the help."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Source(Protocol):
+    """A module of this package that reads one kind: it has these names.
+
+    Attributes:
+        SUMMARY: One line for `everplace data list`.
+        Options: The kind's options.
+    """
+
+    SUMMARY: str
+    Options: type[Any]
+
+    def read(self, source: Path, options: Any) -> ForeignRoute:
+        """Opens a source; frames are read later.
+
+        Raises:
+            RouteError: It is not of this kind, damaged, or empty; the message names the file and the remedy.
+        """
+        ...

@@ -1,0 +1,178 @@
+"""What folders, videos and bags have in common: sampling, size, names of frames and conditions."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from everplace.errors import ConfigError, RouteError
+from everplace.files import readable
+from everplace.importing.content import parse_size, resized
+from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.sampling import sample_by_change, sample_by_distance, sample_by_number, sample_by_time
+from everplace.route.natural_order import natural_key
+
+__all__ = ["Drive", "RecordingOptions", "list_directories", "list_directory", "recorded_route"]
+
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+_SAMPLING = ("every_frames", "every_seconds", "every_metres", "change")
+
+
+class RecordingOptions(SourceOptions):
+    """Options of every kind of recording.
+
+    Attributes:
+        every_frames: Keep every n-th frame.
+        every_seconds: Keep one frame in so many seconds.
+        every_metres: Keep one frame in so many metres of the way travelled; needs poses.
+        change: Keep a frame once its 64×32 grey picture correlates with that of the last one kept by no more than
+            this; 0.95 leaves out what a vehicle sees while it stands.
+        size: Resize while reading, such as 320x240 (width × height); by default as stored.
+        conditions: The condition of each drive, in natural order of the drives' names; by default the names.
+        stems: shared numbers the frames of each drive from 000000 on, so that the i-th frames of all drives are the
+            same place; own puts the drive's name before the number, for drives that are not in step; file keeps the
+            names, or the numbers, that they have in the recording.
+        aligned: Whether equal stems in two drives are the same place; true or false. By default they are, unless images
+            of a route are read under their own names whose route.toml denies it.
+        pose_limit: Seconds up to which a pose may be away from the frame it is for; between two that are near
+            enough it is interpolated.
+        without_pose: What to do where a recording has poses but none near a frame: refuse, or drop the frame.
+    """
+
+    every_frames: Annotated[int, Field(ge=1)] | None = None
+    every_seconds: _Positive | None = None
+    every_metres: _Positive | None = None
+    change: Annotated[float, Field(ge=-1, lt=1)] | None = None
+    size: Annotated[tuple[int, int] | None, BeforeValidator(parse_size)] = None
+    conditions: tuple[Annotated[str, Field(min_length=1)], ...] = ()
+    stems: Literal["shared", "own", "file"] = "shared"
+    aligned: bool | None = None
+    pose_limit: _Positive = 0.5
+    without_pose: Literal["refuse", "drop"] = "refuse"
+
+    @model_validator(mode="after")
+    def _one_sampling(self) -> RecordingOptions:
+        given = [name for name in _SAMPLING if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise ValueError(f"{given[0]} and {given[1]} exclude each other, keep one")
+        return self
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One recording, before anything is left out.
+
+    Attributes:
+        name: What the traverse will be called.
+        frames: All frames in order; closing it releases what it reads from.
+        count: How many will come, if known.
+        named: The stems of `frames` are names that stay; otherwise the frames that are kept are numbered.
+    """
+
+    name: str
+    frames: Iterator[ForeignFrame]
+    count: int | None = None
+    named: bool = False
+
+
+def recorded_route(
+    source: Path, drives: Sequence[Drive], options: RecordingOptions, notes: Sequence[str] = (), *, aligned: bool = True
+) -> ForeignRoute:
+    """Makes a route of recordings: samples, resizes and names their frames.
+
+    Args:
+        source: Where they come from.
+        drives: At least one, in natural order of their names.
+        options: What the user wants.
+        notes: Sentences for the user.
+        aligned: Whether equal stems are the same place, where the options do not say it.
+
+    Raises:
+        ConfigError: There are not as many conditions as drives.
+    """
+    if options.conditions and len(options.conditions) != len(drives):
+        raise ConfigError(
+            f"--set conditions names {len(options.conditions)} conditions, but {readable(source)} holds {len(drives)} "
+            f"drives: {', '.join(readable(drive.name) for drive in drives)}; name one for each, in this order"
+        )
+    conditions = options.conditions or tuple("" for _ in drives)
+    aligned = aligned if options.aligned is None else options.aligned
+    if aligned and options.stems == "shared" and len(drives) > 1 and not all(drive.named for drive in drives):
+        notes = (
+            *notes,
+            "The frames of each drive are numbered from 000000 on, and the same number counts as the same place; for "
+            "drives that are not in step, import with --set stems=own and align them.",
+        )
+    return ForeignRoute(
+        traverses=(
+            ForeignTraverse(drive.name, _kept_frames(drive, options), condition, _kept_count(drive, options))
+            for drive, condition in zip(drives, conditions, strict=True)
+        ),
+        notes=tuple(notes),
+        aligned=aligned,
+    )
+
+
+def list_directory(directory: Path, endings: Collection[str]) -> list[Path]:
+    """Returns the files with one of these endings (lower case), in natural order; hidden ones are left out.
+
+    Raises:
+        RouteError: The directory cannot be listed.
+    """
+    return [path for path in _listed(directory) if path.suffix.lower() in endings and not path.is_dir()]
+
+
+def list_directories(directory: Path) -> list[Path]:
+    """Returns the directories in a directory, in natural order; hidden ones are left out.
+
+    Raises:
+        RouteError: The directory cannot be listed.
+    """
+    return [path for path in _listed(directory) if path.is_dir()]
+
+
+def _listed(directory: Path) -> list[Path]:
+    try:
+        paths = [path for path in directory.iterdir() if not path.name.startswith(".")]
+    except OSError as error:
+        raise RouteError(
+            f"cannot list {readable(directory)}: {error.strerror or error}; check its permissions"
+        ) from error
+    return sorted(paths, key=lambda path: natural_key(path.name))
+
+
+def _kept_frames(drive: Drive, options: RecordingOptions) -> Iterator[ForeignFrame]:
+    """Yields the frames that stay, as they will be called."""
+    prefix = f"{drive.name}-" if options.stems == "own" else ""
+    frames = drive.frames
+    # The generators between here and the recording know nothing of closing it.
+    with contextlib.ExitStack() as stack:
+        stack.callback(getattr(frames, "close", lambda: None))
+        for number, frame in enumerate(resized(_sampled(frames, options), options.size)):
+            stays = drive.named or options.stems == "file"
+            yield frame._replace(stem=prefix + (frame.stem if stays else f"{number:06d}"))
+
+
+def _sampled(frames: Iterator[ForeignFrame], options: RecordingOptions) -> Iterator[ForeignFrame]:
+    if options.every_frames is not None:
+        return sample_by_number(frames, options.every_frames)
+    if options.every_seconds is not None:
+        return sample_by_time(frames, options.every_seconds)
+    if options.every_metres is not None:
+        return sample_by_distance(frames, options.every_metres)
+    if options.change is not None:
+        return sample_by_change(frames, options.change)
+    return frames
+
+
+def _kept_count(drive: Drive, options: RecordingOptions) -> int | None:
+    """Returns how many frames stay, if that can be known before they are read."""
+    if drive.count is None or any(getattr(options, name) is not None for name in _SAMPLING[1:]):
+        return None
+    return -(-drive.count // (options.every_frames or 1))

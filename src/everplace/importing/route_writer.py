@@ -1,0 +1,222 @@
+"""Writes the frames of a source into a route's directory, with the tables of their poses and times."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from everplace.errors import RouteError, StorageError
+from everplace.files import readable
+from everplace.images.decoding import IMAGE_ENDINGS, read_image_bytes
+from everplace.importing.foreign_route import Content, Encoded, ForeignFrame, ForeignTraverse
+from everplace.progress import Progress
+from everplace.route.folder import POSES_CSV, TIMES_CSV
+from everplace.route.natural_order import natural_key
+from everplace.route.truth import TruthPair
+
+__all__ = ["RouteWriter", "reading", "unreadable"]
+
+_LONGEST_NAME = 255  # bytes, on every usual file system
+
+
+class RouteWriter:
+    """Writes traverses into a route's directory.
+
+    Attributes:
+        traverses: Number of frames by name.
+        conditions: Condition by name.
+        linked: Number of frames that are links.
+        links: Why files were copied although links were wanted; None: they were not.
+    """
+
+    def __init__(self, directory: Path, copy: bool) -> None:
+        self.traverses: dict[str, int] = {}
+        self.conditions: dict[str, str] = {}
+        self.linked = 0
+        self._stems: dict[str, set[str]] = {}
+        self.links: str | None = None
+        self._directory = directory
+        self._copy = copy
+        self._device = directory.stat().st_dev
+
+    def write(self, traverse: ForeignTraverse, source: Path, progress: Progress) -> None:
+        """Writes one traverse with its poses and times."""
+        name = traverse.name
+        _check_name("traverse", name, name, source)
+        if name in self.traverses:
+            raise RouteError(f"{readable(source)} gives two traverses of the name {name!r}; rename one of them")
+        directory = self._directory / name
+        directory.mkdir()
+        stems: set[str] = set()
+        with (
+            contextlib.closing(_Table(directory / POSES_CSV, ("stem", "x", "y", "heading"))) as poses,
+            contextlib.closing(_Table(directory / TIMES_CSV, ("stem", "seconds"))) as times,
+        ):
+            frames = reading(traverse.frames, source)
+            for frame in progress(frames, f"importing {name}", traverse.count):
+                where = f"the frame {frame.stem!r} of the traverse {name!r}"
+                if frame.stem in stems:
+                    raise RouteError(f"{readable(source)} gives {where} twice; keep one of the two")
+                self._write_frame(directory, frame, source, where)
+                poses.add(frame.stem, frame.pose, len(stems), f"{where} of {readable(source)}", "pose")
+                seconds = None if frame.seconds is None else (frame.seconds,)
+                times.add(frame.stem, seconds, len(stems), f"{where} of {readable(source)}", "time")
+                stems.add(frame.stem)
+        if not stems:
+            raise RouteError(f"the traverse {name!r} of {readable(source)} has no frame; leave it out")
+        self._stems[name] = stems
+        self.traverses[name] = len(stems)
+        self.conditions[name] = traverse.condition or name
+
+    def known_pairs(self, pairs: Iterator[TruthPair], source: Path) -> Iterator[TruthPair]:
+        """Passes on pairs of frames that were written; another one is an error that names it."""
+        for pair in pairs:
+            for traverse, stem in (pair[:2], pair[2:]):
+                if stem not in self._stems.get(traverse, ()):
+                    raise RouteError(
+                        f"the ground truth of {readable(source)} names the frame {stem!r} of {traverse!r}, which "
+                        "it does not have; complete the images or correct it"
+                    )
+            yield pair
+
+    def _write_frame(self, directory: Path, frame: ForeignFrame, source: Path, where: str) -> None:
+        content = frame.content
+        ending = _ending(content)
+        if ending.lower() not in IMAGE_ENDINGS:
+            raise RouteError(
+                f"{where} of {readable(source)} ends in {ending!r}, which is no image; "
+                f"convert it to one of {', '.join(sorted(IMAGE_ENDINGS))}"
+            )
+        _check_name("frame", frame.stem, frame.stem + ending, source)
+        target = directory / (frame.stem + ending)
+        if isinstance(content, Path):
+            self._link_or_copy(content, target)
+        elif isinstance(content, Encoded):
+            target.write_bytes(content.data)
+        else:
+            target.write_bytes(_png(content))
+
+    def _link_or_copy(self, file: Path, target: Path) -> None:
+        if not self._copy and self._device == _device(file):
+            try:
+                target.symlink_to(file.absolute())
+                self.linked += 1
+                return
+            except (OSError, NotImplementedError):
+                self._copy = True
+                self.links = "The images were copied: links are not possible where the route lies."
+        elif not self._copy:
+            self.links = "Images were copied: the source lies on another disk than the route."
+        target.write_bytes(read_image_bytes(file))
+
+
+class _Table:
+    """A CSV file of numbers by stem, which exists once a frame has some.
+
+    Its rows are in natural order in the end, as the frames of a route are: an archive gives them in its own.
+    """
+
+    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
+        self._path, self._columns = path, columns
+        self._file: io.TextIOWrapper | None = None
+        self._last = natural_key("")
+        self._ordered = True
+
+    def add(self, stem: str, values: tuple[float, ...] | None, before: int, where: str, what: str) -> None:
+        """Adds a frame, the `before`-th of its traverse, or checks that none before had values either."""
+        if (values is None) == (self._file is not None) and before:
+            raise RouteError(
+                f"{where} has {'no' if values is None else 'a'} {what}, unlike those before it; give all frames "
+                f"of a traverse a {what}, or none"
+            )
+        if values is None:
+            return
+        if not np.isfinite(values).all():
+            raise RouteError(f"the {what} of {where} is not finite; correct it or leave the frame out")
+        if self._file is None:
+            self._file = self._path.open("w", encoding="utf-8", newline="")
+            csv.writer(self._file).writerow(self._columns)
+        csv.writer(self._file).writerow([stem, *map(repr, map(float, values))])
+        before_it, self._last = self._last, natural_key(stem)
+        self._ordered = self._ordered and before_it <= self._last
+
+    def close(self) -> None:
+        """Closes the file, if there is one."""
+        if self._file is None:
+            return
+        self._file.close()
+        if not self._ordered:
+            with self._path.open(encoding="utf-8", newline="") as file:
+                header, *rows = csv.reader(file)
+            rows.sort(key=lambda row: natural_key(row[0]))
+            with self._path.open("w", encoding="utf-8", newline="") as file:
+                csv.writer(file).writerows([header, *rows])
+
+
+def reading(items: Iterator[Any], source: Path) -> Iterator[Any]:
+    """Passes on what a source gives; a failure of its disk is not one of ours. Closes it in the end."""
+    try:
+        while True:
+            try:
+                item = next(items)
+            except StopIteration:
+                return
+            except OSError as error:
+                raise unreadable(error, source) from error
+            yield item
+    finally:
+        close = getattr(items, "close", None)
+        if close is not None:
+            close()
+
+
+def unreadable(error: OSError, source: Path) -> RouteError:
+    """Returns what to say of a source's file that the system cannot read."""
+    return RouteError(f"cannot read {readable(error.filename or source)}: {error.strerror or error}; check the source")
+
+
+def _check_name(what: str, name: str, file_name: str, source: Path) -> None:
+    """Raises `RouteError` for a name that cannot be a file's everywhere, or would hide it."""
+    problem = None
+    if not name or name.startswith("."):
+        problem = "is empty or hidden"
+    elif any(letter in "/\\" or ord(letter) < 32 or ord(letter) == 127 for letter in name):
+        problem = "holds a path separator or a control character"
+    elif any("\ud800" <= letter <= "\udfff" for letter in name):
+        problem = "is not UTF-8"
+    elif len(file_name.encode("utf-8")) > _LONGEST_NAME:
+        problem = f"is longer than {_LONGEST_NAME} bytes with its ending"
+    if problem is not None:
+        raise RouteError(f"{readable(source)} gives a {what} the name {name!a}, which {problem}; rename it")
+
+
+def _ending(content: Content) -> str:
+    if isinstance(content, Path):
+        return content.suffix
+    return content.ending if isinstance(content, Encoded) else ".png"
+
+
+def _device(file: Path) -> int:
+    """Returns the disk on which a file lies."""
+    try:
+        status = file.stat()
+    except OSError as error:
+        raise RouteError(f"cannot read {readable(file)}: {error.strerror or error}; check the source") from error
+    if not stat.S_ISREG(status.st_mode):
+        raise RouteError(f"{readable(file)} is not a regular file; move it out of the source")
+    return status.st_dev
+
+
+def _png(pixels: np.ndarray[Any, np.dtype[np.uint8]]) -> bytes:
+    done, data = cv2.imencode(".png", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) if pixels.shape[2] == 3 else pixels)
+    if not done:
+        raise StorageError(f"cannot encode a picture of {pixels.shape[1]}×{pixels.shape[0]} pixels as PNG")
+    return data.tobytes()

@@ -1,0 +1,134 @@
+"""EuRoC MAV sequences: `mav0/cam0/data.csv` with the images in `mav0/cam0/data/`, and the estimated truth.
+
+The format is that of Burri et al., "The EuRoC micro aerial vehicle datasets", IJRR 35(10), 2016: lines
+`timestamp [ns], file`, and in `mav0/state_groundtruth_estimate0/data.csv` the pose of the vehicle's body
+(position, quaternion with w first) in a world whose z axis points up. `sensor.yaml` beside the images holds
+T_BS, the camera's pose in the body's frame. The route's plane is the world's x and y.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from everplace.errors import RouteError
+from everplace.files import readable
+from everplace.importing.containers.image_tree import by_stem
+from everplace.importing.containers.text_rows import read_rows
+from everplace.importing.containers.tree_path import TreePath
+from everplace.importing.foreign_route import ForeignRoute, SourceOptions
+from everplace.importing.positions.trajectory import Trajectory, read_quaternion, rotation_of
+from everplace.importing.sources._odometry_sequences import (
+    ImageSequence,
+    SequenceFrame,
+    find_sequences,
+    poses_at,
+    sequences_route,
+)
+from everplace.route.traverse import Pose
+
+__all__ = ["SUMMARY", "Options", "read"]
+
+SUMMARY = "EuRoC MAV: mav0/cam0 with time stamps and the estimated truth, one sequence or several"
+
+_TRANSFORM = re.compile(r"^T_BS:.*?^\s*data:\s*\[([^\]]*)\]", re.DOTALL | re.MULTILINE)
+
+_LONGEST_YAML = 1 << 20
+
+
+class Options(SourceOptions):
+    """Options of the kind.
+
+    Attributes:
+        camera: Directory of the camera in mav0.
+        poses: Whether to read the truth where it is there; frames without a pose are then left out.
+        limit: Seconds from an image to the nearest pose, up to which the pose counts.
+        radius: Metres up to which two images show the same place; the data set names none.
+    """
+
+    camera: str = "cam0"
+    poses: bool = True
+    limit: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.02
+    radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+
+
+def read(source: Path, options: Options) -> ForeignRoute:
+    """Opens a sequence, its `mav0`, or the directory above several, unpacked or as archives; each is a traverse.
+
+    Poses are interpolated between the two nearest in time. A stem is the image's file name, which is its time.
+
+    Raises:
+        RouteError: There is no sequence, or a file in it is missing or malformed.
+    """
+    found, notes = find_sequences(
+        source,
+        lambda path: (_mav0(path) / options.camera / "data.csv").is_file(),
+        f"mav0/{options.camera}/data.csv",
+        apart=True,
+    )
+    sequences = [_read_sequence(path, options) for path in found]
+    return sequences_route(sequences, options.radius, f"no pose within {options.limit:g} s", notes)
+
+
+def _mav0(path: TreePath) -> TreePath:
+    return path / "mav0" if (path / "mav0").is_dir() else path
+
+
+def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
+    root = _mav0(directory)
+    name = root.parent.name if root.name == "mav0" else root.name
+    camera, truth = root / options.camera, root / "state_groundtruth_estimate0" / "data.csv"
+    listing = camera / "data.csv"
+    times = {row.inside(1): row.whole(0, "a time stamp") for row in read_rows(listing, ",")}
+    has_poses = options.poses and truth.is_file()
+    poses: list[Pose | None] = [None] * len(times)
+    if has_poses and times:
+        # Nanoseconds since 1970 do not fit a float: the first image is moment 0.
+        start = next(iter(times.values()))
+        seconds = [(stamp - start) / 1e9 for stamp in times.values()]
+        poses = poses_at(_read_trajectory(truth, start), seconds, options.limit, "z", _read_camera(camera))
+    stems = {file: stem for stem, file in by_stem(camera, times).items()}
+    frames = [
+        SequenceFrame(stems[file], file, stamp / 1e9, pose)
+        for (file, stamp), pose in zip(times.items(), poses, strict=True)
+    ]
+    return ImageSequence(name, camera / "data", listing, frames, has_poses)
+
+
+def _read_trajectory(path: TreePath, start: int) -> Trajectory:
+    seconds: list[float] = []
+    positions: list[list[float]] = []
+    quaternions: list[list[float]] = []
+    for row in read_rows(path, ","):
+        seconds.append((row.whole(0, "a time stamp") - start) / 1e9)
+        positions.append(row.floats(1, 4))
+        quaternions.append(read_quaternion(row, 4, w_first=True))
+    if not seconds:
+        raise RouteError(f"{readable(path)} holds no pose; get the sequence again, or import with --set poses=false")
+    return Trajectory.of(seconds, positions, rotation_of(quaternions))
+
+
+def _read_camera(camera: TreePath) -> NDArray[np.float64]:
+    """Returns T_BS, 4×4."""
+    path = camera / "sensor.yaml"
+    try:
+        with path.open() as file:
+            text = file.read(_LONGEST_YAML).decode("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RouteError(
+            f"cannot read {readable(path)}, which says how the camera is mounted ({error}); get the sequence again, or "
+            "import with --set poses=false"
+        ) from error
+    match = _TRANSFORM.search(text)
+    try:
+        matrix = np.array([float(value) for value in match[1].split(",")]).reshape(4, 4) if match else None
+    except ValueError:
+        matrix = None
+    if matrix is None or not np.isfinite(matrix).all() or np.abs(matrix).max() > 1e6:
+        raise RouteError(f"{readable(path)} holds no T_BS with 16 numbers; get the sequence again")
+    return matrix

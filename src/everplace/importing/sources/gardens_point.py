@@ -1,0 +1,156 @@
+"""Gardens Point Walking: a walk over a campus, by day on both sides of the path and by night on the right.
+
+The data set is Glover, "Day and Night, Left and Right", 2014, doi:10.5281/zenodo.4590133. Its copies hold
+`day_left`, `day_right` and `night_right` with one image a place (`Image000.jpg`), but differ in capitals, in
+what stands between the words, and in the images' names, whose number is what counts.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import Field
+
+from everplace.errors import RouteError
+from everplace.files import readable
+from everplace.importing.containers.archive_tree import archives_in, open_trees, unread_note
+from everplace.importing.containers.file_trees import FileTree, FolderTree
+from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.route.natural_order import natural_sorted
+
+__all__ = ["SUMMARY", "Options", "read"]
+
+SUMMARY = "Gardens Point Walking: day_left, day_right and night_right with one numbered image a place"
+
+_TRAVERSES = ("day_left", "day_right", "night_right")
+_DEEPEST = 3  # a copy may lie in a directory of the archive, and that in another
+_NUMBER = re.compile(r"[^0-9]*([0-9]{1,9})[^0-9]*")
+
+
+class Options(SourceOptions):
+    """Options of the kind.
+
+    Attributes:
+        tolerance: Frames by which a match may be off. Neighbouring frames overlap, so 0 would be unfair.
+        condition: What a traverse's condition is: its name, or light (day, day, night).
+    """
+
+    tolerance: Annotated[int, Field(ge=0)] = 3
+    condition: Literal["name", "light"] = "name"
+
+
+class _Walk(NamedTuple):
+    """One traverse as it lies there.
+
+    Attributes:
+        tree: What holds it.
+        directory: Its directory in the tree.
+        names: The names of its images in the tree.
+    """
+
+    tree: FileTree
+    directory: str
+    names: list[str]
+
+
+def read(source: Path, options: Options) -> ForeignRoute:
+    """Opens a copy of the data set, or a directory above one, unpacked or as an archive.
+
+    The stem of a frame is the number in its file's name, with three digits or more. What is unpacked counts before an
+    archive beside it.
+
+    Raises:
+        RouteError: None of the three directories is there, one is there twice, a file's name holds no number or two, or
+            an archive is damaged.
+    """
+    found = _find(open_trees(source, archives=False))
+    unread = unread_note(source / name for name in archives_in(source)) if found else []
+    found = found or _find([tree for tree in open_trees(source) if not isinstance(tree, FolderTree)])
+    if not found:
+        raise RouteError(
+            f"{readable(source)} holds none of {', '.join(_TRAVERSES)}; give the directory or archive that does"
+        )
+    absent = [name for name in _TRAVERSES if name not in found]
+    listed = {name: _by_number(found[name]) for name in _TRAVERSES if name in found}
+    shared = set.intersection(*(set(frames) for frames in listed.values()))
+    notes = ["Licence unknown: no licence came with the data set, so take it for research use only.", *unread]
+    if absent:
+        notes.append(f"The copy has no {' and no '.join(absent)}.")
+    alone = {name: len(frames) - len(shared) for name, frames in listed.items() if len(frames) > len(shared)}
+    if alone:
+        counts = ", ".join(f"{count} of {name}" for name, count in alone.items())
+        notes.append(f"Frames that not every traverse has: {counts}.")
+    return ForeignRoute(
+        traverses=(
+            ForeignTraverse(
+                name,
+                _frames(found[name].tree, frames),
+                condition=name.partition("_")[0] if options.condition == "light" else "",
+                count=len(frames),
+            )
+            for name, frames in listed.items()
+        ),
+        tolerance=options.tolerance,
+        notes=tuple(notes),
+    )
+
+
+def _find(trees: Sequence[FileTree]) -> dict[str, _Walk]:
+    """Returns what is there of each traverse."""
+    found: dict[str, _Walk] = {}
+    for tree in trees:
+        for name in tree.images:
+            directory = _directory(name)
+            if directory is None:
+                continue
+            traverse = _traverse(directory.rpartition("/")[2])
+            walk = found.setdefault(traverse, _Walk(tree, directory, []))
+            if (walk.tree, walk.directory) != (tree, directory):
+                raise RouteError(
+                    f"{readable(walk.tree.path / walk.directory)} and {readable(tree.path / directory)} are both "
+                    f"{traverse}; give one copy"
+                )
+            walk.names.append(name)
+    return found
+
+
+def _directory(name: str) -> str | None:
+    """Returns the outermost directory of an image's path that is called like a traverse."""
+    parts = name.split("/")[:-1]
+    depth = next((depth for depth, part in enumerate(parts[:_DEEPEST], start=1) if _traverse(part)), None)
+    return None if depth is None else "/".join(parts[:depth])
+
+
+def _traverse(directory: str) -> str:
+    """Returns the traverse that a directory is called like, or nothing."""
+    plain = re.sub(r"[\s._-]+", "", directory).lower()
+    return next((traverse for traverse in _TRAVERSES if plain == traverse.replace("_", "")), "")
+
+
+def _by_number(walk: _Walk) -> dict[str, str]:
+    """Returns the names of images in the tree by their stems, in order."""
+    found: dict[str, str] = {}
+    for name in walk.names:
+        match = _NUMBER.fullmatch(name[len(walk.directory) + 1 :].rpartition(".")[0])
+        if match is None:
+            raise RouteError(
+                f"the name of {readable(walk.tree.path / name)} does not hold one number, so its place is unknown; "
+                "rename it or move it away"
+            )
+        stem = f"{int(match[1]):03d}"
+        if stem in found:
+            raise RouteError(
+                f"{readable(walk.tree.path)} holds {readable(found[stem])} and {readable(name)}, both of place "
+                f"{stem}; keep one of them"
+            )
+        found[stem] = name
+    return {stem: found[stem] for stem in natural_sorted(found)}
+
+
+def _frames(tree: FileTree, names: dict[str, str]) -> Iterator[ForeignFrame]:
+    stems = {name: stem for stem, name in names.items()}
+    for name, content in tree.read(stems):
+        yield ForeignFrame(stems[name], content)

@@ -1,0 +1,125 @@
+"""OpenSeqSLAM2: two directories of numbered images and a CSV file of which show the same place.
+
+The format is that of Talbot et al., "OpenSeqSLAM2.0: An Open Source Toolbox for Visual Place Recognition Under
+Changing Conditions", IROS 2018: a line `query, reference, tolerance` says that the query's true matches are the
+reference images from reference - tolerance to reference + tolerance. Images are counted from 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from everplace.errors import RouteError
+from everplace.files import readable
+from everplace.importing.containers.image_tree import by_stem, image_names, read_files
+from everplace.importing.containers.text_rows import read_rows
+from everplace.importing.containers.tree_path import AnyPath, TreePath, find_data_set
+from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.route.truth import TruthPair
+
+__all__ = ["SUMMARY", "Options", "read"]
+
+SUMMARY = "OpenSeqSLAM2: two directories or lists of images and the CSV file of their ground truth"
+
+_LISTS = (".txt", ".csv", ".lst")
+
+
+class Options(SourceOptions):
+    """Options of the kind; all paths start at the source's directory.
+
+    Attributes:
+        query: Directory of the query images, or a text file with one image a line.
+        reference: Directory of the reference images, or a text file with one image a line.
+        truth: CSV file with the columns query, reference, tolerance and no header.
+        subsample: Every so manieth image was used, as the toolbox's subsample factor; the file counts those.
+        same_names: A query and a reference of the same file name show the same place: keep the names. Otherwise
+            they get `query-` and `reference-` before them.
+    """
+
+    query: str = "query"
+    reference: str = "reference"
+    truth: str = "ground_truth.csv"
+    subsample: Annotated[int, Field(ge=1)] = 1
+    same_names: bool = False
+
+
+def read(source: Path, options: Options) -> ForeignRoute:
+    """Opens a data set, the directory above it, or an archive of it; its traverses are `query` and `reference`.
+
+    Images of a directory are counted in natural order of their names. Those of a range of true matches that lie
+    before the first or behind the last reference are left out, as in the toolbox.
+
+    Raises:
+        RouteError: A file or directory is missing, or the ground truth is malformed or speaks of an image that
+            does not exist.
+    """
+    root, notes = find_data_set(source, lambda place: (place / options.truth).is_file(), options.truth)
+    listed: dict[str, dict[str, str]] = {}
+    for side, where in (("query", options.query), ("reference", options.reference)):
+        directory, names = _list(root, where)
+        listed[side] = by_stem(directory, names[:: options.subsample], "" if options.same_names else f"{side}-")
+    queries, references = list(listed["query"]), list(listed["reference"])
+    truth = _read_truth(root / options.truth, len(queries), len(references))
+    alone = len(queries) - len(truth)
+    if alone:
+        notes.append(f"{alone} of {len(queries)} queries have no true match.")
+    return ForeignRoute(
+        traverses=(
+            ForeignTraverse(side, _frames(root, where, listed[side]), count=len(listed[side]))
+            for side, where in (("query", options.query), ("reference", options.reference))
+        ),
+        truth=(
+            TruthPair("query", queries[query], "reference", references[reference])
+            for query, ranges in truth.items()
+            for reference in sorted(set().union(*ranges))
+        ),
+        notes=tuple(notes),
+    )
+
+
+def _list(root: TreePath, where: str) -> tuple[TreePath, list[str]]:
+    """Returns a directory and the images in it that take part, in order."""
+    path = root / where
+    if not _is_list(where):
+        return path, image_names(path)
+    names = [row.inside(0) for row in read_rows(path, "\n")]
+    if not names:
+        raise RouteError(f"{readable(path)} names no image; write one path a line")
+    return root, names
+
+
+def _frames(root: TreePath, where: str, names: dict[str, str]) -> Iterator[ForeignFrame]:
+    directory = root if _is_list(where) else root / where
+    for stem, content in read_files(directory, {name: stem for stem, name in names.items()}, readable(root / where)):
+        yield ForeignFrame(stem, content)
+
+
+def _is_list(where: str) -> bool:
+    return where.lower().endswith(_LISTS)
+
+
+def _read_truth(path: AnyPath, queries: int, references: int) -> dict[int, list[range]]:
+    """Returns the positions of the references, from 0, by the position of the query."""
+    truth: dict[int, list[range]] = {}
+    for row in read_rows(path, ","):
+        if len(row) != 3:
+            raise row.wrong(f"holds {len(row)} numbers where query, reference, tolerance must be; correct it")
+        query, reference = row.whole(0, "the number of a query"), row.whole(1, "the number of a reference")
+        tolerance = row.whole(2, "a tolerance")
+        for what, number, count in (("query", query, queries), ("reference", reference, references)):
+            if not 1 <= number <= count:
+                raise row.wrong(
+                    f"names the {what} {number}, but there are {count}, counted from 1; complete the images or "
+                    "correct it"
+                )
+        if tolerance < 0:
+            raise row.wrong(f"holds the tolerance {tolerance}; correct it to 0 or more")
+        nearest = range(max(reference - 1 - tolerance, 0), min(reference + tolerance, references))
+        truth.setdefault(query - 1, []).append(nearest)
+    if not truth:
+        raise RouteError(f"{readable(path)} holds no true match; write lines of query, reference, tolerance")
+    return truth

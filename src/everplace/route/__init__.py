@@ -1,0 +1,1 @@
+"""A route on disk and in memory: traverses of frames, which of them take part, which show the same place."""

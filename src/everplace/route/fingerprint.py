@@ -1,0 +1,53 @@
+"""Fingerprints of images: the same files give the same one, wherever they lie."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+from everplace.images.decoding import read_image_bytes, usable_cores
+from everplace.progress import Progress, quiet
+from everplace.route.traverse import Traverse
+
+__all__ = ["file_digests", "traverse_fingerprint"]
+
+_FILES_A_TASK = 64
+
+
+def file_digests(traverse: Traverse, progress: Progress = quiet) -> Iterator[bytes]:
+    """Yields the SHA-256 of every image file, in order, those of some files at a time joined.
+
+    Args:
+        traverse: The frames.
+        progress: Told of the files read.
+
+    Raises:
+        ImageError: A file cannot be read.
+    """
+
+    def digests(start: int) -> bytes:
+        paths = traverse[start : start + _FILES_A_TASK].paths
+        return b"".join(hashlib.sha256(read_image_bytes(path)).digest() for path in paths)
+
+    # Threads, because hashlib gives up the interpreter lock.
+    starts = range(0, len(traverse), _FILES_A_TASK)
+    with ThreadPoolExecutor(min(8, usable_cores()), thread_name_prefix="hash") as pool:
+        yield from progress(pool.map(digests, starts), f"reading {traverse.name}", len(starts))
+
+
+def traverse_fingerprint(traverse: Traverse, progress: Progress = quiet) -> str:
+    """SHA-256, in hex, of the stems of a traverse and the content of its image files, in order.
+
+    Args:
+        traverse: The frames.
+        progress: Told of the files read.
+
+    Raises:
+        ImageError: A file cannot be read.
+    """
+    fingerprint = hashlib.sha256(json.dumps(traverse.stems).encode())
+    for some in file_digests(traverse, progress):
+        fingerprint.update(some)
+    return fingerprint.hexdigest()

@@ -1,0 +1,111 @@
+"""Which methods are fitted, and by what: networks by Lightning, FAB-MAP by counting."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from everplace.errors import ConfigError
+from everplace.model.model_config import MODEL_KINDS
+from everplace.progress import Progress, quiet
+from everplace.route.route import Route
+from everplace.training.config import DEFAULT_EPOCHS, FitConfig, TrainConfig
+from everplace.training.select_route import select_route
+
+if TYPE_CHECKING:
+    from everplace.training.fit import TrainSummary
+    from everplace.training.fit_fabmap import FabMapSummary
+
+__all__ = ["FITTED_METHODS", "build_config", "fit_method", "require_fittable"]
+
+FITTED_METHODS: tuple[str, ...] = (*MODEL_KINDS, "fabmap")
+"""What `everplace train --model` takes."""
+
+_NOT_FOR_FABMAP = ("epochs", "minutes", "recipe", "grey")
+
+
+def build_config(**values: Any) -> FitConfig:
+    """The configuration of a fitted method; a network without a length gets the default one.
+
+    Args:
+        values: `model`, one of `FITTED_METHODS`, and fields of its configuration.
+
+    Raises:
+        ConfigError: A key does not exist or a value is out of its range; the message names it.
+    """
+    if values.get("model") == "fabmap":
+        from everplace.training.fit_fabmap import FabMapTrainConfig
+
+        for name in _NOT_FOR_FABMAP:
+            if name in values:
+                raise ConfigError(f"--{name} does not apply to fabmap, which is fitted in two passes; leave it out")
+        return FabMapTrainConfig.build(**values)
+    if "epochs" not in values and "minutes" not in values:
+        values["epochs"] = DEFAULT_EPOCHS
+    return TrainConfig.build(**values)
+
+
+def require_fittable(route: Route, config: FitConfig, progress: Progress = quiet) -> None:
+    """Makes sure of what can be known before a method is fitted; what SIFT finds in the images cannot.
+
+    Args:
+        route: An opened route; the configuration chooses from it.
+        config: As `build_config` made it.
+        progress: Told of the decoding that a filter needs.
+
+    Raises:
+        RouteError: The route does not have what the method needs.
+        ConfigError: The conditions do not suit the method.
+        ImageError: A filter needs a frame that cannot be decoded.
+    """
+    if isinstance(config, TrainConfig):
+        from everplace.training.fit import require_trainable
+
+        require_trainable(route, config, progress)
+    else:
+        select_route(route, config, progress)
+
+
+def fit_method(
+    route: Route,
+    config: FitConfig,
+    out: Path,
+    *,
+    resume: bool = False,
+    devices: int = 1,
+    nodes: int = 1,
+    save_every: float = 60.0,
+    progress: Progress = quiet,
+    show: bool | str = False,
+) -> TrainSummary | FabMapSummary:
+    """Fits a method into a run directory; see `everplace.training.fit.train` and `everplace.training.fit_fabmap`.
+
+    Args:
+        route: An opened route; the configuration chooses from it.
+        config: As `build_config` made it.
+        out: The run directory.
+        resume: Continue where the run stands.
+        devices: Devices on this machine, for networks.
+        nodes: Machines, for networks.
+        save_every: Seconds between two states of a network to resume from.
+        progress: Told of decoding.
+        show: Show the training on stderr; text: under this name.
+
+    Raises:
+        ConfigError: FAB-MAP is to be fitted on several devices, or as the two say.
+    """
+    if isinstance(config, TrainConfig):
+        from everplace.training.fit import train
+
+        return train(
+            route, config, out, resume=resume, devices=devices, nodes=nodes, save_every=save_every, progress=progress,
+            show=show,
+        )  # fmt: skip
+    from everplace.training.fit_fabmap import FabMapTrainConfig, fit_fabmap
+
+    assert isinstance(config, FabMapTrainConfig)
+    if devices * nodes > 1:
+        raise ConfigError(
+            "--devices and --nodes do not apply to fabmap, which is fitted by one process; leave them out"
+        )
+    return fit_fabmap(route, config, out, resume=resume, progress=progress)

@@ -1,0 +1,199 @@
+"""Exporting a run: the ONNX network describes as the run does, and no other file is touched."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from everplace.cli import main
+from everplace.describe.describer import Describer
+from everplace.describe.pipeline import describe_traverse
+from everplace.describe.registry import open_describer
+from everplace.errors import ConfigError, MachineError, MissingExtraError
+from everplace.experiments.evaluation import seen_places
+from everplace.experiments.recipe_names import named_ingredients
+from everplace.export import onnx_export as export
+from everplace.export.onnx_export import export_onnx
+from everplace.model.checkpoint import save_checkpoint
+from everplace.model.condition_vae import ConditionVAE
+from everplace.model.model_config import ModelConfig, ModelKind
+from everplace.route.route import open_route
+
+ABOUT: dict[str, Any] = {
+    "recipe": "best",
+    "remedies": "oriented gradients",
+    "epoch": 3,
+    "trained_stems": ["0", "1"],
+    "held_out_stems": ["2"],
+}
+
+
+def saved_run(
+    run: Path,
+    kind: ModelKind = "cp-vae",
+    channels: int = 1,
+    *,
+    fully_connected: bool = False,
+    oriented_gradients: bool = False,
+) -> Path:
+    """A run directory with an untrained model, whose statistics of normalisation are not the initial ones."""
+    labels = () if kind in {"vae", "cae"} else ("a", "b")
+    places = 4 if kind == "cp-vae" else 0
+    config = ModelConfig(
+        kind=kind,
+        height=32,
+        width=64,
+        channels=3 if channels == 3 else 1,
+        conditions=labels,
+        places=places,
+        fully_connected=fully_connected,
+        oriented_gradients=oriented_gradients,
+    )
+    with torch.random.fork_rng():
+        torch.manual_seed(2)
+        model = ConditionVAE(config)
+        with torch.no_grad():
+            for parameter in model.encoder.parameters():
+                if parameter.ndim > 1:  # torch's own weights make the same of every image
+                    torch.nn.init.kaiming_normal_(parameter, a=0.1)
+            for _ in range(4):
+                model.encoder(torch.rand(8, channels, 32, 64))
+    save_checkpoint(run, model, ABOUT)
+    (run / "config.toml").write_text('model = "cp-vae"\n')
+    return run
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, dict[str, Any]]:
+    """A run, its ONNX network, written by the command over an earlier one, and what the command said."""
+    base = tmp_path_factory.mktemp("export")
+    run, network = saved_run(base / "run", channels=3), base / "net.onnx"
+    network.write_text("old")
+    network.with_suffix(".toml").write_text('image_size = [1, 1]\ncolour = "grey"\n')
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        assert main.run(["export", str(run), "--onnx", str(network), "--json"]) == 0
+    return run, network, json.loads(out.getvalue())
+
+
+def values_of(describer: Describer, route: Path, batch: int) -> np.ndarray:
+    return describe_traverse(describer, open_route(route)["winter"], batch=batch).values
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("batch", [1, 5, 12])
+def test_it_describes_as_the_run_does(
+    exported: tuple[Path, Path, dict[str, Any]], tiny_route: Path, batch: int
+) -> None:
+    run, network, _ = exported
+    ours = values_of(open_describer(str(run)), tiny_route, 12)
+    theirs = values_of(open_describer(f"onnx:{network}"), tiny_route, batch)
+    assert ours.std(axis=0).max() > 0.1
+    assert np.abs(ours - theirs).max() <= 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "channels", "size", "fully_connected"),
+    [("vae", 1, 128, False), ("c-vae", 3, 96, False), ("cae", 1, 128, False), ("cp-vae", 3, 96, True)],
+)
+def test_every_network_is_exported(
+    tmp_path: Path, tiny_route: Path, kind: ModelKind, channels: int, size: int, fully_connected: bool
+) -> None:
+    run = saved_run(tmp_path / "run", kind, channels, fully_connected=fully_connected)
+    export_onnx(run, tmp_path / "net.onnx")
+    ours = values_of(open_describer(str(run)), tiny_route, 12)
+    theirs = values_of(open_describer(f"onnx:{tmp_path / 'net.onnx'}"), tiny_route, 12)
+    assert ours.shape == theirs.shape == (12, size)
+    assert np.abs(ours - theirs).max() <= 1e-4
+
+
+@pytest.mark.slow
+def test_a_run_of_oriented_gradients_is_exported(tmp_path: Path, tiny_route: Path) -> None:
+    run = saved_run(tmp_path / "run", channels=3, oriented_gradients=True)
+    export_onnx(run, tmp_path / "net.onnx")
+    ours = values_of(open_describer(str(run)), tiny_route, 12)
+    theirs = values_of(open_describer(f"onnx:{tmp_path / 'net.onnx'}"), tiny_route, 5)
+    assert ours.shape == (12, 96)
+    assert ours.std(axis=0).max() > 0.1
+    assert np.abs(ours - theirs).max() <= 1e-4
+
+
+@pytest.mark.slow
+def test_the_pair_is_written_and_nothing_else(exported: tuple[Path, Path, dict[str, Any]]) -> None:
+    _, network, said = exported
+    assert sorted(path.name for path in network.parent.iterdir()) == ["net.onnx", "net.toml", "run"]
+    assert said["onnx"] == str(network)
+    assert said["toml"] == str(network.with_suffix(".toml"))
+    assert (said["dimension"], said["bytes"]) == (96, network.stat().st_size)
+    assert 0 < said["difference"] <= 1e-4
+
+
+@pytest.mark.slow
+def test_the_network_says_how_its_run_was_trained(
+    exported: tuple[Path, Path, dict[str, Any]], tiny_route: Path
+) -> None:
+    run, network, _ = exported
+    describer = open_describer(f"onnx:{network}")
+    told = {name: describer.settings()[name] for name in ("recipe", "remedies", "epoch")}
+    assert told == {"recipe": "best", "remedies": "oriented gradients", "epoch": 3}
+    route = open_route(tiny_route)
+    assert seen_places(describer, route) == seen_places(open_describer(str(run)), route) == 3
+    assert named_ingredients(describer.settings()) == "recipe best; remedies: oriented gradients"
+
+
+def test_a_toml_of_another_kind_is_not_replaced(tmp_path: Path) -> None:
+    run = saved_run(tmp_path / "run")
+    before = (run / "config.toml").read_text()
+    with pytest.raises(ConfigError, match=r"--onnx would replace .*config\.toml, which is of another kind"):
+        export_onnx(run, run / "config.onnx")
+    assert (run / "config.toml").read_text() == before
+    assert not (run / "config.onnx").exists()
+
+
+@pytest.mark.slow
+def test_a_network_that_describes_otherwise_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(export, "TOLERANCE", -1.0)
+    run = saved_run(tmp_path / "run")
+    with pytest.raises(MachineError, match="gives other descriptors than .*nothing was written"):
+        export_onnx(run, tmp_path / "net.onnx")
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+@pytest.mark.parametrize("library", ["onnxscript", "onnxruntime"])
+def test_a_missing_library_is_named_with_its_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, library: str
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(MissingExtraError, match=r"everplace export needs .*pip install 'everplace\[export\]'"):
+        export_onnx(saved_run(tmp_path / "run"), tmp_path / "net.onnx")
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["{run}", "--onnx", "{base}/net.pt"], "--onnx .*net.pt must end in .onnx"),
+        (["{base}", "--onnx", "{base}/net.onnx"], "is no run directory"),
+        (["hog", "--onnx", "{base}/net.onnx"], "hog is no run of a network"),
+        (["{base}/none", "--onnx", "{base}/net.onnx"], "there is no method or run directory"),
+    ],
+)
+def test_mistakes_are_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    run = saved_run(tmp_path / "run")
+    assert main.run(["export", *(one.format(run=run, base=tmp_path) for one in arguments)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    (line,) = captured.err.strip().splitlines()
+    assert re.search(message, line)

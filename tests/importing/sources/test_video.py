@@ -1,0 +1,219 @@
+from __future__ import annotations
+
+import builtins
+import struct
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from tests.fuzzing import DAMAGE, Damage, fuzzed
+
+from everplace.errors import EverplaceError, MissingExtraError, RouteError
+from everplace.importing.containers.video_frames import check_video, read_video
+from everplace.importing.import_route import import_route
+from everplace.importing.sources.video import Options, read
+from everplace.route.route import open_route
+
+av = pytest.importorskip("av", reason="needs the extra video")
+
+RATE = 10
+
+
+def picture(number: int) -> NDArray[np.uint8]:
+    """A smooth picture of 16×32 that tells its number by its first pixel's red."""
+    y, x = np.mgrid[0:16, 0:32]
+    return np.stack([x + number, 9 * y, 5 * (x + y)], axis=2).astype(np.uint8)
+
+
+def write_video(
+    path: Path,
+    count: int,
+    codec: str = "libx264rgb",
+    form: str = "rgb24",
+    *,
+    turn: int = 0,
+    times: list[int] | None = None,
+) -> None:
+    """Writes `count` pictures without loss, at 10 a second or at the given milliseconds."""
+    options = {"qp": "0", "g": "5"} if codec == "libx264rgb" else {}
+    with av.open(str(path), "w") as container:
+        stream: Any = container.add_stream(codec, rate=RATE, options=options)
+        stream.height, stream.width, stream.pix_fmt = 16, 32, form
+        if turn:
+            stream.set_display_rotation(turn)
+        for number in range(count):
+            frame = av.VideoFrame.from_ndarray(picture(number), format="rgb24")
+            if times is not None:
+                frame.pts, frame.time_base = times[number], Fraction(1, 1000)
+                stream.codec_context.time_base = Fraction(1, 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+
+
+def test_every_frame_with_its_time(tmp_path: Path) -> None:
+    write_video(tmp_path / "a.mkv", 12)
+    frames = list(read_video(tmp_path / "a.mkv"))
+    assert [frame.seconds for frame in frames] == [number / RATE for number in range(12)]
+    for number, frame in enumerate(frames):
+        np.testing.assert_array_equal(frame.pixels, picture(number))
+
+
+def test_uneven_times_are_kept(tmp_path: Path) -> None:
+    times = [500, 540, 700, 1900, 1901]  # the first frame is the beginning
+    write_video(tmp_path / "a.mkv", 5, "ffv1", "bgr0", times=times)
+    assert [frame.seconds for frame in read_video(tmp_path / "a.mkv")] == [0.0, 0.04, 0.2, 1.4, 1.401]
+
+
+@pytest.mark.parametrize("turn", [90, 180, -90])
+def test_rotation_is_applied_as_the_matrix_in_the_file_says(tmp_path: Path, turn: int) -> None:
+    path = tmp_path / "a.mp4"
+    write_video(path, 3, turn=turn)
+    data = path.read_bytes()
+    matrix = data.index(b"tkhd") + 4 + 40  # ISO/IEC 14496-12: version 0 of the track header
+    a, b, _, c, d = struct.unpack_from(">5i", data, matrix)
+    cosine, sine = a / 65536, b / 65536
+    assert (c, d) == (-b, a)
+    shown = next(iter(read_video(path))).pixels
+    # A pixel at (x, y), y down, is shown at (a x + c y, b x + d y), moved so that no coordinate is negative.
+    stored = picture(0)
+    for y, x in ((0, 0), (0, 31), (15, 0), (7, 20)):
+        u, v = cosine * x - sine * y, sine * x + cosine * y
+        u += 31 if cosine < 0 else 15 if sine > 0 else 0
+        v += 15 if cosine < 0 else 31 if sine < 0 else 0
+        np.testing.assert_array_equal(shown[round(v), round(u)], stored[y, x])
+
+
+def test_sampling_size_and_names(tmp_path: Path) -> None:
+    for name in ("b", "a"):
+        write_video(tmp_path / f"{name}.mp4", 25)
+    options = {"every_seconds": "1", "size": "16x8", "conditions": "night,day"}
+    summary = import_route("video", tmp_path, tmp_path / "out", options)
+    route = open_route(tmp_path / "out")
+    assert dict(summary.traverses) == {"a": 3, "b": 3}
+    assert route.conditions == ("night", "day")
+    assert route["a"].stems == ("000000", "000001", "000002")
+    route_frames = read(tmp_path, Options(every_seconds=1.0, size=(8, 16)))
+    for traverse in route_frames.traverses:
+        contents = [frame.content for frame in traverse.frames]
+        assert [content.shape for content in contents if isinstance(content, np.ndarray)] == [(8, 16, 3)] * 3
+
+
+@pytest.mark.parametrize("ending", [".mkv", ".avi", ".mp4"])
+def test_a_video_that_breaks_off(tmp_path: Path, ending: str) -> None:
+    whole, path = tmp_path / f"whole{ending}", tmp_path / f"winter{ending}"
+    write_video(whole, 60, "libx264rgb" if ending != ".avi" else "ffv1", "rgb24" if ending != ".avi" else "bgr0")
+    data = bytearray(whole.read_bytes())
+    if ending == ".mp4":
+        middle = data.index(b"mdat") + 2000
+        data[middle : middle + 200] = bytes(200)
+    else:
+        del data[len(data) // 2 :]
+    path.write_bytes(data)
+    with pytest.raises(RouteError, match=rf"winter{ending} .* after \d+ frames, at [0-4]\.\d\d s.*--set damaged=keep"):
+        import_route("video", path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    summary = import_route("video", path, tmp_path / "out", {"damaged": "keep"})
+    kept = summary.frames
+    assert 5 <= kept < 55
+    assert f"Only the first {kept} frames of {path} were kept: " in summary.notes[0]
+    for number, frame in zip(range(kept), read_video(path), strict=False):
+        np.testing.assert_array_equal(frame.pixels, picture(number))
+
+
+def test_what_is_no_video(tmp_path: Path) -> None:
+    for name, content in (("empty.mp4", b""), ("text.mkv", b"not a video\n" * 50)):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(RouteError, match=rf"{name} is no video that can be read .*; copy or export it again"):
+            import_route("video", tmp_path / name, tmp_path / "out")
+    with pytest.raises(RouteError, match=r"cannot read .*none.mp4: No such file or directory"):
+        check_video(tmp_path / "none.mp4")
+    (tmp_path / "none").mkdir()
+    with pytest.raises(RouteError, match="holds no video"):
+        import_route("video", tmp_path / "none", tmp_path / "out")
+    with av.open(str(tmp_path / "sound.mkv"), "w") as container:
+        stream = container.add_stream("pcm_s16le", rate=8000, layout="mono")
+        sound = av.AudioFrame.from_ndarray(np.zeros((1, 800), dtype=np.int16), format="s16", layout="mono")
+        sound.rate = 8000
+        container.mux(stream.encode(sound))
+    with pytest.raises(RouteError, match=r"sound.mkv holds no video stream"):
+        check_video(tmp_path / "sound.mkv")
+
+
+def test_a_playlist_opens_nothing(tmp_path: Path) -> None:
+    write_video(tmp_path / "secret.mkv", 3)
+    (tmp_path / "a.mp4").write_text(f"#EXTM3U\n#EXTINF:1,\n{tmp_path}/secret.mkv\n#EXT-X-ENDLIST\n")
+    with pytest.raises(RouteError, match=r"a.mp4 is no video"):
+        list(read_video(tmp_path / "a.mp4"))
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ("stem,x,y,heading\n0,0,0,0\n1,0,0,0\n", "has 2 rows, but there are more frames; give a row for each frame"),
+        ("stem,x,y,heading\n" + "".join(f"{n},0,0,0\n" for n in range(5)), "has 5 rows, but there are only 3 frames"),
+        ("stem,x,y,heading\n1,0,0,0\n1,0,0,0\n", "row 3 names the stem '1' a second time"),
+        ("stem,x,y,heading\n2,0,0,0\n1,0,0,0\n3,0,0,0\n", "are not in natural order"),
+        ("stem,x,y,heading\n", "holds no pose"),
+        ("seconds,x,y,heading\n", "holds no pose"),
+        ("seconds,x,y,heading\n9,0,0,0\n", "no pose within 0.5 s of the frame '000000' of a.mkv, at 0.000 s"),
+        ("x,y,heading\n0,0,0\n", "lacks the column 'stem'"),
+    ],
+)
+def test_mistakes_in_the_poses_beside_a_video(tmp_path: Path, rows: str, message: str) -> None:
+    write_video(tmp_path / "a.mkv", 3, "ffv1", "bgr0")
+    (tmp_path / "a.poses.csv").write_text(rows)
+    with pytest.raises(RouteError, match=message) as caught:
+        import_route("video", tmp_path / "a.mkv", tmp_path / "out")
+    assert "a.poses.csv" in str(caught.value)
+
+
+def test_without_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    original: Callable[..., Any] = builtins.__import__
+
+    def refuse(name: str, *args: Any, **kwargs: Any) -> Any:
+        if name == "av":
+            raise ImportError(name)
+        return original(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    with pytest.raises(MissingExtraError, match=r"pip install 'everplace\[video\]'"):
+        check_video(tmp_path / "a.mkv")
+
+
+@pytest.fixture(scope="module")
+def originals(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
+    directory = tmp_path_factory.mktemp("originals")
+    for name in ("a.mkv", "b.mp4", "c.avi"):
+        write_video(
+            directory / name, 4, "ffv1" if name == "c.avi" else "libx264rgb", "bgr0" if name == "c.avi" else "rgb24"
+        )
+    return [(directory / name).read_bytes() for name in ("a.mkv", "b.mp4", "c.avi")]
+
+
+@fuzzed(40)
+@given(
+    which=st.integers(0, 2),
+    damage=DAMAGE,
+)
+def test_damaged_bytes_give_frames_or_one_error(
+    tmp_path: Path, originals: list[bytes], which: int, damage: Damage
+) -> None:
+    path = tmp_path / "fuzz.mkv"
+    path.write_bytes(damage.of(originals[which]))
+    count = 0
+    try:
+        for traverse in read(path, Options()).traverses:
+            for frame in traverse.frames:
+                assert isinstance(frame.content, np.ndarray)
+                count += 1
+    except EverplaceError as error:
+        assert "fuzz.mkv" in str(error)
+        assert "\n" not in str(error)
+    else:
+        assert count

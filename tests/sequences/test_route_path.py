@@ -1,0 +1,92 @@
+"""Smoothing and the best path against the enumeration of all paths."""
+
+from __future__ import annotations
+
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.sequences.hidden_markov import MODELS, correlations_of_few_places, drive, every_path, worth
+from tests.sequences.test_route_filter import DRIVES, PLACES
+
+from everplace.sequences.route_filter import RouteFilter
+from everplace.sequences.route_model import RouteModel
+from everplace.sequences.route_path import best_path, smooth_route
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 5), st.integers(1, 3), st.integers(0, 99), st.sampled_from(MODELS))
+def test_smoothing_sums_over_all_paths(frames: int, places: int, seed: int, model: RouteModel) -> None:
+    S = np.random.default_rng(seed).normal(size=(frames, places))
+    paths, p = every_path(model, S)
+    p = p / p.sum()
+    with correlations_of_few_places():
+        answers = smooth_route(S, model, reach=0)
+    for frame, answer in enumerate(answers):
+        state = paths[:, frame]
+        known = np.array([p[(state == place) | (state == place + places)].sum() for place in range(places)])
+        assert answer.probability == pytest.approx(known[answer.place])
+        assert worth(model, known)[answer.place] == pytest.approx(worth(model, known).max())
+        assert answer.on_map == pytest.approx(p[state < 2 * places].sum())
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 5), st.integers(1, 3), st.integers(0, 99), st.sampled_from(MODELS))
+def test_no_path_is_more_probable_than_the_best(frames: int, places: int, seed: int, model: RouteModel) -> None:
+    S = np.random.default_rng(seed).normal(size=(frames, places))
+    paths, p = every_path(model, S)
+    with correlations_of_few_places():
+        found = best_path(S, model)
+    off = paths == 2 * places
+    same = (np.where(off, -1, paths % places) == found).all(axis=1)  # directions are not told
+    assert p[same].max() == pytest.approx(p.max())
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_a_drive_is_found_whole(name: str) -> None:
+    path = DRIVES[name]
+    S = drive(path, PLACES)
+    smooth = np.array([answer.place for answer in smooth_route(S)])
+    assert (np.abs(smooth - path) <= 1).mean() >= 0.9
+    assert (np.abs(best_path(S) - path) <= 1).mean() >= 0.9
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.integers(1, 6), min_size=12, max_size=12), st.integers(0, 99))
+def test_a_frame_seen_again_is_no_frame(stops: list[int], seed: int) -> None:
+    S = drive([*range(10, 22)], PLACES, seed=seed)
+    scale, shift = np.random.default_rng(seed).uniform(0.5, 2, (2, sum(stops), 1))
+    stopped = S.repeat(stops, axis=0) * scale + shift
+    np.testing.assert_array_equal(best_path(stopped), best_path(S).repeat(stops))
+    expected = [answer for answer, n in zip(smooth_route(S), stops, strict=True) for _ in range(n)]
+    for answer, other in zip(smooth_route(stopped), expected, strict=True):
+        assert astuple(answer) == pytest.approx(astuple(other))
+
+
+def test_the_last_frame_has_no_future() -> None:
+    S = drive([*range(10, 27)], PLACES)
+    online = RouteFilter(PLACES)
+    last = [online.update(scores) for scores in S][-1]
+    smooth = smooth_route(S)[-1]
+    assert smooth.place == last.place
+    assert smooth.probability == pytest.approx(last.probability)
+    assert smooth.on_map == pytest.approx(last.on_map)
+
+
+def test_a_stretch_off_the_map_is_found() -> None:
+    path = [*range(10, 25), *[-1] * 20, *range(30, 45)]
+    S = drive(path, PLACES, separation=4.0)
+    found = best_path(S)
+    assert ((found == -1) == (np.array(path) == -1)).mean() > 0.9
+    lost = np.array([answer.lost for answer in smooth_route(S)])
+    assert (lost == (np.array(path) == -1)).mean() > 0.9
+
+
+def test_frames_without_scores_are_bridged() -> None:
+    path = [*range(10, 30)]
+    S = drive(path, PLACES, separation=5.0)
+    S[8:11] = np.nan
+    assert (np.abs(best_path(S) - path) <= 1).all()
+    assert all(abs(answer.place - place) <= 1 for answer, place in zip(smooth_route(S), path, strict=True))
