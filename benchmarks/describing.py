@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.ratio import Ratio
-from everplace.describe.pipeline import describe_traverse
-from everplace.describe.runs.vae import VAEDescriber
+from everplace.describe.runs.trained import TrainedDescriber
 from everplace.images.decoding import decode_images
 from everplace.model.checkpoint import Checkpoint
 from everplace.model.condition_vae import ConditionVAE
@@ -26,9 +25,9 @@ def measure(scratch: Path) -> list[Ratio]:
     config = {"places": 160, "size": (480, 640), "conditions": ("summer",), "format": "jpg"}
     render_route(scratch / "route", render_config(config))
     traverse = open_traverse(scratch / "route" / "summer")
-    describer = VAEDescriber(Checkpoint(ConditionVAE(ModelConfig(kind="c-vae", conditions=("a", "b"))).eval()))
+    describer = TrainedDescriber(Checkpoint(ConditionVAE(ModelConfig(kind="c-vae", conditions=("a", "b"))).eval()))
     images = np.stack(list(decode_images(traverse.paths, describer.image)))
-    describe_traverse(describer, traverse, batch=BATCH)
+    describer.describe(traverse, batch=BATCH)
     decoding, network, whole = [], [], []
     for _ in range(ROUNDS):
         start = time.perf_counter()
@@ -37,10 +36,10 @@ def measure(scratch: Path) -> list[Ratio]:
         decoding.append(time.perf_counter() - start)
         start = time.perf_counter()
         for first in range(0, len(images), BATCH):
-            describer.describe(images[first : first + BATCH])
+            describer.describe_batch(images[first : first + BATCH])
         network.append(time.perf_counter() - start)
         start = time.perf_counter()
-        describe_traverse(describer, traverse, batch=BATCH)
+        describer.describe(traverse, batch=BATCH)
         whole.append(time.perf_counter() - start)
     bound = float(np.median(decoding)) + float(np.median(network))
     taken = float(np.median(whole))

@@ -128,4 +128,4 @@ def similarities(
 
 def _rows(descriptors: Descriptors, rows: NDArray[np.int64]) -> Descriptors:
     names = tuple(f"{position}: {descriptors.names[row]}" for position, row in enumerate(rows))
-    return replace(descriptors, values=descriptors.values[rows], names=names, variance=None, image_names=None)
+    return replace(descriptors, values=descriptors.values[rows], names=names, image_names=None)

@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
 from everplace.errors import RouteError
 from everplace.files import write_text
@@ -123,8 +122,8 @@ def _measured(methods: Sequence[str], pairs: Sequence[DrivePair], length: int, d
 
 def _on_fold(method: str, chosen: DrivePair, length: int, drives: int) -> FoldResult:
     describer = open_describer(method)
-    recorded = Recorded(describe_traverse(describer, chosen.whole), chosen.place)
-    database = describe_traverse(describer, chosen.database)
+    recorded = Recorded(describer.describe(chosen.whole), chosen.place)
+    database = describer.describe(chosen.database)
     found: list[Found] = []
     for drive in (AS_RECORDED, RESAMPLED):
         for S, truth, shown in similarities(recorded, database, chosen.truth, None, drive, drives):

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.describe.files.descriptors import Descriptors
-from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
 from everplace.files import write_text
 from everplace.match.best_matches import compared
@@ -51,8 +50,8 @@ def main(arguments: list[str]) -> None:
     lines, metrics = [f"nordland64, winter against summer, --frames {given.frames}, ±{TOLERANCE} frames", ""], []
     for method in given.methods:
         describer = open_describer(method)
-        recorded = Recorded(describe_traverse(describer, chosen.whole), chosen.place)
-        database = describe_traverse(describer, chosen.database)
+        recorded = Recorded(describer.describe(chosen.whole), chosen.place)
+        database = describer.describe(chosen.database)
         for how in (None, "centre"):
             print(method, how or "plain", file=sys.stderr)
             changes = _changes(recorded, database, how)

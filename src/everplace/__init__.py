@@ -17,8 +17,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from everplace.describe.describer import Describer
     from everplace.describe.files.descriptors import Descriptors, load_descriptors
-    from everplace.describe.runs.opened import Method, load
+    from everplace.describe.registry import load
     from everplace.errors import EverplaceError
     from everplace.match.new_place import new_place_probability
     from everplace.match.similarity import similarity, similarity_blocks, top_k
@@ -35,10 +36,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Answer",
+    "Describer",
     "Descriptors",
     "EverplaceError",
     "Frame",
-    "Method",
     "Route",
     "RouteFilter",
     "RouteModel",
@@ -67,10 +68,10 @@ __all__ = [
 
 _HOME = {
     "Answer": "sequences.route_filter",
+    "Describer": "describe.describer",
     "Descriptors": "describe.files.descriptors",
     "EverplaceError": "errors",
     "Frame": "route.traverse",
-    "Method": "describe.runs.opened",
     "Route": "route.route",
     "RouteFilter": "sequences.route_filter",
     "RouteModel": "sequences.route_model",
@@ -80,7 +81,7 @@ _HOME = {
     "average_sequences": "sequences.sequence_search",
     "best_path": "sequences.route_path",
     "evaluate": "scoring.scores",
-    "load": "describe.runs.opened",
+    "load": "describe.registry",
     "load_descriptors": "describe.files.descriptors",
     "new_place_probability": "match.new_place",
     "open_route": "route.route",

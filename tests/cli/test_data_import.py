@@ -14,7 +14,6 @@ from PIL import Image
 from sklearn.metrics import average_precision_score
 
 from everplace.cli import main
-from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
 from everplace.importing.catalogue import DATA_SETS
 from everplace.importing.kinds import source_kinds
@@ -95,7 +94,7 @@ def test_a_preset_with_fewer_queries_than_map_frames_is_evaluated_against_the_wh
     assert [pair.database.stems[index] for index in (0, 10, 20)] == list(pair.query.stems)
     # Of the 75 pairs 8 are true; the same scores by scikit-learn's definition of average precision.
     describer = open_describer("hog")
-    S = similarity(*(describe_traverse(describer, one) for one in (pair.query, pair.database)))
+    S = similarity(*(describer.describe(one) for one in (pair.query, pair.database)))
     assert S.shape == (3, 25)
     assert metrics["average_precision"] == pytest.approx(average_precision_score(truth.ravel(), S.ravel()))
 

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from everplace.describe import methods
-from everplace.describe.registry import method_names, open_describer
+from everplace.describe.registry import kind_of_run, method_names, open_describer
 from everplace.errors import MethodError
 from everplace.progress import quiet
 
@@ -19,7 +19,7 @@ def test_methods_open_by_name() -> None:
     names = method_names()
     assert names == sorted(names)
     assert {"alexnet", "hog", "hub", "onnx", "sad", "vgg19"} <= set(names)
-    assert not {"vae", "cae", "fabmap"} & set(names)  # a trained model is given by its run directory
+    assert not {"vae", "cae", "fabmap", "trained"} & set(names)  # a trained model is given by its run directory
     for name in ("hog", "sad"):
         assert open_describer(name).method == name
 
@@ -48,26 +48,24 @@ def test_what_a_method_needs_from_the_net_is_fetched_before_it_opens(
     del sys.modules["everplace.describe.methods.deep"]
 
 
-def test_a_run_directory_is_opened_as_a_trained_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    fake = SimpleNamespace(open_method=lambda argument: ("run", argument))
-    monkeypatch.setitem(sys.modules, "everplace.describe.runs.vae", fake)
-    (tmp_path / "config.toml").touch()
-    assert open_describer(str(tmp_path)) == ("run", str(tmp_path))  # type: ignore[comparison-overlap]
-
-
 @pytest.mark.parametrize(
     ("kind", "module"),
-    [("vae", "vae"), ("c-vae", "vae"), ("cp-vae", "vae"), ("cae", "cae"), ("fabmap", "fabmap"), ("later", "vae")],
-)
+    [
+        ("vae", "trained"), ("cp-vae", "trained"), ("cae", "trained"), ("fabmap", "fabmap"), ("later", "trained"),
+        ("../trained", "trained"),
+    ],
+)  # fmt: skip
 def test_a_run_directory_says_what_opens_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, module: str
 ) -> None:
-    for name in ("vae", "cae", "fabmap"):
-        fake = SimpleNamespace(open_method=lambda argument, name=name: name)
+    for name in ("trained", "fabmap"):
+        fake = SimpleNamespace(open_method=lambda argument, name=name: (name, argument))
         monkeypatch.setitem(sys.modules, f"everplace.describe.runs.{name}", fake)
     (tmp_path / "config.toml").touch()
+    assert open_describer(tmp_path) == ("trained", str(tmp_path))  # type: ignore[comparison-overlap]
     (tmp_path / "checkpoint.json").write_text(json.dumps({"model": {"kind": kind}}))
-    assert open_describer(str(tmp_path)) == module  # type: ignore[comparison-overlap]
+    assert kind_of_run(tmp_path) == kind
+    assert open_describer(str(tmp_path)) == (module, str(tmp_path))  # type: ignore[comparison-overlap]
 
 
 @pytest.mark.parametrize("method", ["nothing", "", "vae", "HOG", "_x", "hog/..", "a\0b", "x" * 5000, "../sad"])

@@ -16,7 +16,6 @@ import torch
 
 from everplace.cli import main
 from everplace.describe.describer import Describer
-from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MachineError, MissingExtraError
 from everplace.experiments.evaluation import seen_places
@@ -86,7 +85,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, dict
 
 
 def values_of(describer: Describer, route: Path, batch: int) -> np.ndarray:
-    return describe_traverse(describer, open_route(route)["winter"], batch=batch).values
+    return describer.describe(open_route(route)["winter"], batch=batch).values
 
 
 @pytest.mark.slow

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from everplace.describe.describer import Metric
-from everplace.describe.files.descriptors import Descriptors
+from everplace.describe.files.descriptors import Descriptors, Metric
 from everplace.errors import ConfigError, DescriptorsError
 from everplace.match import similarity as module
 from everplace.match.similarity import similarity, similarity_blocks, top_k

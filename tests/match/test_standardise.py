@@ -44,16 +44,6 @@ def test_one_frame_becomes_zero(how: Any) -> None:
     assert standardise(descriptors(np.array([[1.5, -2.0]])), how).values.tolist() == [[0, 0]]
 
 
-def test_a_variance_is_scaled_along() -> None:
-    values = np.array([[0.0, 1.0], [4.0, 1.0]])
-    d = descriptors(values, variance=np.full((2, 2), 3, np.float32))
-    centred, full = standardise(d, "centre"), standardise(d, "full")
-    assert centred.variance is not None
-    assert full.variance is not None
-    assert centred.variance.tolist() == [[3, 3], [3, 3]]
-    assert full.variance.tolist() == [[0.75, 3], [0.75, 3]]
-
-
 def test_blocks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     d = descriptors(np.random.default_rng(0).random((23, 3)))
     whole = standardise(d, "full").values

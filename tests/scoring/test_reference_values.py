@@ -10,7 +10,6 @@ from typing import cast
 
 import pytest
 
-from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
 from everplace.match.similarity import similarity
 from everplace.match.standardise import Standardisation, standardise
@@ -28,7 +27,7 @@ def route(shared_data: Path) -> Route:
 
 def score(route: Route, method: str, how: str | None) -> Scores:
     describer = open_describer(method)
-    query, database = (describe_traverse(describer, route[condition]) for condition in ("winter", "summer"))
+    query, database = (describer.describe(route[condition]) for condition in ("winter", "summer"))
     if how is not None:
         query, database = (standardise(side, cast("Standardisation", how)) for side in (query, database))
     return evaluate(similarity(query, database), truth_by_position(route["winter"], route["summer"], 1))

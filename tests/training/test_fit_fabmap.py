@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from everplace.describe.describer import FittedDescriber, ProbabilisticDescriber
-from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
 from everplace.describe.runs.fabmap import FabMapDescriber
-from everplace.errors import ConfigError, MethodError
+from everplace.errors import ConfigError
 from everplace.fabmap.fabmap_model import load_fabmap
 from everplace.match.new_place import new_place_probability
 from everplace.match.similarity import similarity, top_k
@@ -76,33 +74,29 @@ def test_a_fit_leaves_a_run_directory(run: Path) -> None:
 def test_places_are_recognised_by_the_run(run: Path, textured: Route) -> None:
     describer = open_describer(str(run))
     assert isinstance(describer, FabMapDescriber)
-    assert isinstance(describer, FittedDescriber)
-    assert not isinstance(describer, ProbabilisticDescriber)
     assert (describer.method, describer.dimension, describer.metric) == ("fabmap", 121, "place-posterior")
     assert describer.seen_stems == {str(place) for place in range(8)}
-    query, database = (describe_traverse(describer, textured[name], batch=3) for name in ("dusk", "day"))
+    query, database = (describer.describe(textured[name], batch=3) for name in ("dusk", "day"))
     best, _ = top_k(query, database, 1)
     assert (best[:, 0] == np.arange(PLACES)).mean() >= 0.8
     new = new_place_probability(query, database)
     np.testing.assert_allclose(np.exp(similarity(query, database)).sum(axis=1) + new, 1.0, rtol=1e-4)
     # Without its own place in the map, a query is more probably new.
-    elsewhere = describe_traverse(describer, textured["day"][:5])
+    elsewhere = describer.describe(textured["day"][:5])
     assert new_place_probability(query, elsewhere)[5:].mean() > new[5:].mean()
 
 
 def test_each_row_depends_on_its_own_image_alone(run: Path) -> None:
     describer = open_describer(str(run))
     images = np.random.default_rng(0).integers(0, 256, (4, 64, 96, 1), dtype=np.uint8)
-    together = describer.describe(images)
+    together = describer.describe_batch(images)
     for index in range(4):
-        assert np.array_equal(describer.describe(images[index : index + 1])[0], together[index])
-    with pytest.raises(MethodError, match="fabmap describes uint8 images of shape B×H×W×1|B×64×96×1"):
-        describer.describe(np.zeros((1, 64, 96, 3), np.uint8))
+        assert np.array_equal(describer.describe_batch(images[index : index + 1])[0], together[index])
 
 
 def test_an_image_without_keypoints_still_has_a_probability(run: Path) -> None:
     describer = open_describer(str(run))
-    flat = describer.describe(np.zeros((1, 64, 96, 1), np.uint8))
+    flat = describer.describe_batch(np.zeros((1, 64, 96, 1), np.uint8))
     assert not flat[0, :60].any()
     assert np.isfinite(flat).all()
 

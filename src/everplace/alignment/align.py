@@ -14,7 +14,6 @@ from everplace.alignment.drive_path import Thinned, find_path, thin, thinning
 from everplace.alignment.judgement import JudgedPath, judge_path
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Descriptors
-from everplace.describe.pipeline import describe_traverse
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.importing.positions.hand_pairs import read_pairs
@@ -141,7 +140,7 @@ def align_by_images(
     _require_centrable(describer)
 
     def described(name: str) -> Descriptors:
-        return standardise(describe_traverse(describer, route[name], progress=progress), "centre")
+        return standardise(describer.describe(route[name], progress=progress), "centre")
 
     # Of each other drive only some frames stay in memory once its path is found.
     whole = described(chosen)
@@ -168,7 +167,7 @@ def judge(alignment: Alignment, describer: Describer, progress: Progress = quiet
     seen = {}
     for traverse in alignment.route.traverses:
         stride = thinning(len(traverse))
-        described = describe_traverse(describer, traverse[::stride], progress=progress)
+        described = describer.describe(traverse[::stride], progress=progress)
         seen[traverse.name] = Thinned(standardise(described, "centre"), stride)
     return _judged(alignment, seen)
 

@@ -58,12 +58,11 @@ def describe(
     if out.suffix.lower() not in (".h5", ".hdf5"):
         require_no_frame(out, images.parent)
     below = _below(images, image_root)
-    from everplace.describe.pipeline import describe_traverse
     from everplace.describe.registry import open_describer
     from everplace.route.folder import open_traverse
 
     describer = open_describer(method, progress=show_progress())
-    described = describe_traverse(describer, open_traverse(images), batch=batch, progress=show_progress())
+    described = describer.describe(open_traverse(images), batch=batch, progress=show_progress())
     if below:
         described = described.under(below)
     if file_format == "hloc":

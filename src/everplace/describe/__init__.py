@@ -1,5 +1,5 @@
-"""Turns images into descriptors: every method behind one protocol, one file a method, one file format.
+"""Turns images into descriptors: one base class for every method, one file a method, one file format.
 
-`protocol` says what a method is, `registry` opens one by its name, `pipeline` runs one over a traverse, and
-`descriptors` holds, writes and reads what comes out (`hdf5` is how, `hloc_layout` another layout).
+`describer` says what a method is and does the describing, `registry` opens one by its name, `methods` and `runs` hold
+them, `files` holds, writes and reads what comes out, and `costs` measures what a method needs.
 """

@@ -1,109 +1,123 @@
-"""What every method that describes images offers."""
+"""The base class of every method that describes images."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Literal, Protocol, TypeAlias, runtime_checkable
+import contextlib
+import operator
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.errors import MethodError
-from everplace.images.decoding import ImageSpec
+from everplace.describe.batches import gather_batches
+from everplace.describe.files.descriptors import Descriptors, Metric, Settings
+from everplace.errors import ConfigError, DescriptorsError, MethodError, RouteError
+from everplace.images.decoding import ImageSpec, convert_image, decode_images
+from everplace.progress import Progress, quiet
+from everplace.route.traverse import Traverse
 
-__all__ = [
-    "Describer",
-    "FittedDescriber",
-    "LargeDescriber",
-    "Metric",
-    "ProbabilisticDescriber",
-    "Settings",
-    "require_images",
-    "require_no_argument",
-]
+if TYPE_CHECKING:
+    from everplace.model.checkpoint import Checkpoint
+    from everplace.model.condition_vae import ConditionVAE
 
-Metric: TypeAlias = Literal["cosine", "mean-absolute-difference", "place-posterior"]
-Settings: TypeAlias = Mapping[str, str | int | float | bool]
+__all__ = ["Describer", "require_no_argument"]
 
 
-class Describer(Protocol):
+class Describer(ABC):
     """A method, opened and ready.
+
+    A method sets the attributes and defines `settings` and `describe_batch`; what has a value here is for those whose
+    value is another.
 
     Attributes:
         method: The name under which its descriptors are known; only descriptors of one method are compared.
-        image: What its input images must be: size, grey or colour.
+        image: What its images must be: size, grey or colour.
         dimension: D, the number of values of one descriptor.
         metric: How two of its descriptors are compared.
+        batch: Images described at once where nobody asks for another number; fewer for a large network.
+        seen_stems: Stems of the frames that it was fitted on or chosen by, which are no test of it.
+        checkpoint: The trained network that it describes with, as the run directory holds it.
+        latent_model: The same network where it is applied, if it has a latent to audit and to decode from.
     """
 
-    @property
-    def method(self) -> str: ...  # noqa: D102
+    method: str
+    image: ImageSpec
+    dimension: int
+    metric: Metric = "cosine"
+    batch: int = 32
+    seen_stems: frozenset[str] = frozenset()
+    checkpoint: Checkpoint | None = None
+    latent_model: ConditionVAE | None = None
 
-    @property
-    def image(self) -> ImageSpec: ...  # noqa: D102
-
-    @property
-    def dimension(self) -> int: ...  # noqa: D102
-
-    @property
-    def metric(self) -> Metric: ...  # noqa: D102
-
-    def settings(self) -> dict[str, str | int | float | bool]:
+    @abstractmethod
+    def settings(self) -> Settings:
         """Returns what changes the numbers, nothing else: only descriptors of equal settings are compared."""
-        ...
 
-    def describe(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Describes a batch; each row depends on its own image alone.
+    @abstractmethod
+    def describe_batch(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Describes images that are as `image` says; each row depends on its own image alone.
 
         Args:
-            images: B×H×W×C, as `image` says (C = 1 grey, 3 RGB), values 0 to 255.
+            images: B×H×W×C (C = 1 grey, 3 RGB), values 0 to 255.
 
         Returns:
             B×D finite numbers.
         """
-        ...
 
+    def describe(
+        self,
+        images: Traverse | NDArray[np.uint8] | Sequence[NDArray[np.uint8]],
+        *,
+        batch: int | None = None,
+        progress: Progress = quiet,
+    ) -> Descriptors:
+        """Describes the frames of a traverse, an image or several, of any size and in colour or grey.
 
-@runtime_checkable
-class ProbabilisticDescriber(Describer, Protocol):
-    """A describer that also knows how sure it is of each value, such as a VAE's posterior."""
+        Memory holds the descriptors, two batches of images, what the method needs for one batch and the decoder's own
+        small look-ahead, however long the traverse is.
 
-    def describe_with_variance(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Returns B×D values, equal to those of `describe`, and their B×D variances, not negative."""
-        ...
+        Args:
+            images: Such as `route["winter"]`; or one image H×W or H×W×3 (RGB), uint8, or a list of such.
+            batch: Largest number of images described at once; it changes speed and memory, not the result. None: what
+                the method asks for.
+            progress: Shows how many images are described.
 
+        Returns:
+            N×D descriptors in the order of the images. Those of a traverse are named by the frames' stems and know
+            the names of their files; others are named "0", "1" and so on.
 
-@runtime_checkable
-class FittedDescriber(Describer, Protocol):
-    """A describer that was fitted on frames, which are then no test of it."""
+        Raises:
+            ConfigError: `batch` is below 1.
+            RouteError: There are no images.
+            ImageError: An image cannot be decoded, or an array is none; nothing is returned.
+            DescriptorsError: The method returned numbers that are not finite, or not one row an image.
+        """
+        if isinstance(images, Traverse):
+            names, image_names = images.stems, tuple(map(operator.add, images.stems, images.endings))
+            decoded = decode_images(images.paths, self.image)
+        else:
+            arrays = [images] if isinstance(images, np.ndarray) else images
+            names, image_names = tuple(map(str, range(len(arrays)))), None
+            decoded = (convert_image(array, self.image) for array in arrays)
+        if not names:
+            raise RouteError("there are no images to describe; choose a directory or frames that hold some")
+        batch = self.batch if batch is None else batch
+        if batch < 1:
+            raise ConfigError(f"a batch of {batch} images is not possible; give at least 1")
+        values = np.empty((len(names), self.dimension), np.float32)
+        for index, row in enumerate(progress(self._rows(decoded, batch), "describing", len(names))):
+            values[index] = row
+        return Descriptors(values, names, self.method, self.metric, self.settings(), image_names)
 
-    @property
-    def seen_stems(self) -> frozenset[str]:
-        """Stems of the frames that it was fitted on or chosen by; empty where that was not recorded."""
-        ...
-
-
-@runtime_checkable
-class LargeDescriber(Describer, Protocol):
-    """A describer whose memory grows with the images it describes at once, such as a deep network.
-
-    Attributes:
-        batch: Images at once where nobody asks for another number.
-    """
-
-    @property
-    def batch(self) -> int: ...  # noqa: D102
-
-
-def require_images(images: NDArray[np.uint8], spec: ImageSpec, method: str) -> None:
-    """Raises MethodError unless `images` is a uint8 batch B×H×W×C as `spec` says."""
-    size = images.shape[1:3] if spec.size is None else spec.size
-    if images.ndim != 4 or images.dtype != np.uint8 or images.shape[1:] != (*size, spec.channels):
-        wanted = "×".join(map(str, (*(spec.size or ("H", "W")), spec.channels)))
-        raise MethodError(
-            f"{method} describes uint8 images of shape B×{wanted}, not {images.dtype} of {images.shape}; "
-            "decode them with the ImageSpec of the method"
-        )
+    def _rows(self, images: Iterator[NDArray[np.uint8]], batch: int) -> Iterator[NDArray[np.float32]]:
+        with contextlib.closing(gather_batches(images, batch)) as batches:
+            for gathered in batches:
+                values, wanted = self.describe_batch(gathered), (len(gathered), self.dimension)
+                if values.shape != wanted:
+                    raise DescriptorsError(f"{self.method} returned an array of shape {values.shape}, not {wanted}")
+                yield from values
 
 
 def require_no_argument(method: str, argument: str) -> None:

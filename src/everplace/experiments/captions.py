@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from everplace.describe.describer import Metric
+from everplace.describe.files.descriptors import Metric
 from everplace.scoring.retrieval import Matching, Truth
 
 __all__ = [

@@ -12,10 +12,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from everplace.audit.leakage import Audit
+from everplace.describe.costs import peak_memory, time_describer
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Descriptors
-from everplace.describe.peak_memory import peak_memory
-from everplace.describe.pipeline import time_describer
 from everplace.errors import ConfigError, MethodError
 from everplace.experiments.comparison_parts import PARTS, MethodResult, PairResult, Part
 from everplace.experiments.evaluation import audit_pair, seen_places, seen_sentence

@@ -21,7 +21,6 @@ from pydantic import TypeAdapter, ValidationError
 from everplace.audit.leakage import Audit
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Descriptors, load_descriptors
-from everplace.describe.pipeline import describe_traverse
 from everplace.errors import DescriptorsError
 from everplace.files import remove_file, write_json, write_text
 from everplace.progress import Progress, quiet
@@ -59,8 +58,8 @@ class MethodResult:
     Attributes:
         pairs: By (query, database) traverse name.
         dimension: Numbers in a descriptor.
-        ms_per_image: Description alone, see `everplace.describe.pipeline.time_describer`.
-        peak_memory_mb: See `everplace.describe.peak_memory`; None where it could not be measured.
+        ms_per_image: Description alone, see `everplace.describe.costs.time_describer`.
+        peak_memory_mb: See `everplace.describe.costs.peak_memory`; None where it could not be measured.
         unmeasured: Why the peak memory could not be measured, if that failed.
         audit: The leakage audit, for the VAE family.
     """
@@ -110,7 +109,7 @@ class Part:
                 kept = None
             if kept is not None and kept.names == traverse.stems and kept.dimension == describer.dimension:
                 return kept
-        made = describe_traverse(describer, traverse, progress=progress)
+        made = describer.describe(traverse, progress=progress)
         made.save(path)
         return made
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from everplace.describe.runs.vae import VAEDescriber
 from everplace.experiments.captions import (
     match_caption,
     match_note,
@@ -75,9 +74,10 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
             audit_section(section, {names[label]: one for label, one in comparison.audits.items()})
         pictures: list[str] = []
         for label, describer in comparison.describers.items():
-            if isinstance(describer, VAEDescriber) and route.aligned:
+            model = describer.latent_model
+            if model is not None and route.aligned:
                 section = report.section(f"What the latent of {names[label]} holds")
-                pictures += latent_section(section, describer, route, out, f"{label}-", label=names[label])
+                pictures += latent_section(section, model, route, out, names[label], prefix=f"{label}-")
         keep_pictures(out, pictures)
         _how(report, comparison)
         write_text(out / "table.md", _markdown(comparison))
@@ -163,7 +163,7 @@ def _capitalised(text: str) -> str:
 
 def _shown(comparison: Comparison, areas: Mapping[str, float]) -> list[str]:
     """The methods whose matches are worth a look: the best model of the VAE family, and the best of all."""
-    models = [label for label in areas if isinstance(comparison.describers[label], VAEDescriber)]
+    models = [label for label in areas if comparison.describers[label].latent_model is not None]
     return list(dict.fromkeys(max(group, key=lambda label: areas[label]) for group in (models, list(areas)) if group))
 
 

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from everplace.audit.leakage import Audit, audit
-from everplace.describe.describer import Describer, FittedDescriber
+from everplace.describe.describer import Describer
 from everplace.describe.registry import open_describer
-from everplace.describe.runs.vae import VAEDescriber
 from everplace.experiments.captions import (
     match_caption,
     match_note,
@@ -24,7 +23,6 @@ from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.recipe_names import ingredient_metrics, named_ingredients, named_method
 from everplace.experiments.retrieval_pictures import match_figure, matrix_figure
 from everplace.files import remove_file, write_json
-from everplace.images.decoding import ImageSpec
 from everplace.match.standardise import require_standardisable
 from everplace.plots.canvas import save_figure
 from everplace.plots.interactive import precision_recall_figure
@@ -134,8 +132,6 @@ def evaluate_method(
 
 def seen_places(describer: Describer, route: Route) -> int:
     """How many of a route's stems a model was trained on or chosen by: the scores are no test of these."""
-    if not isinstance(describer, FittedDescriber):
-        return 0
     stems = {stem for traverse in route.traverses for stem in traverse.stems}
     return len(stems & describer.seen_stems)
 
@@ -151,13 +147,13 @@ def seen_sentence(label: str, count: int) -> str:
 def audit_pair(describer: Describer, route: Route, truth: Truth, progress: Progress = quiet) -> Audit | None:
     """The leakage audit on the places that all traverses of a route share; None where it has no meaning."""
     shared = route.shared_stems()
-    if not isinstance(describer, VAEDescriber) or len(route.traverses) < 2 or len(shared) < 4:
+    model = describer.latent_model
+    if model is None or len(route.traverses) < 2 or len(shared) < 4:
         return None
     route = route.at(shared)
-    spec: ImageSpec = describer.image
-    pixels = [pack(traverse, spec, progress=progress).pixels for traverse in route.traverses]
+    pixels = [pack(traverse, describer.image, progress=progress).pixels for traverse in route.traverses]
     return audit(
-        describer.model,
+        model,
         pixels,
         truth.tolerance if truth.tolerance is not None else 1,
         conditions=[traverse.condition for traverse in route.traverses],
@@ -208,9 +204,10 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
     if evaluation.audit is not None:
         audit_section(report.section("Leakage audit"), {label: evaluation.audit})
     pictures: list[str] = []
-    if isinstance(evaluation.describer, VAEDescriber) and evaluation.route.aligned:
+    model = evaluation.describer.latent_model
+    if model is not None and evaluation.route.aligned:
         section = report.section("What the latent holds")
-        pictures = latent_section(section, evaluation.describer, evaluation.route, out, label=label)
+        pictures = latent_section(section, model, evaluation.route, out, label)
     section = report.section("How it was measured")
     section.table(["what", "definition"], _how(evaluation))
     if (out / _METRICS).is_file():  # of an earlier evaluation, perhaps of another method

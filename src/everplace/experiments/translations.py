@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from everplace.audit.leakage import encode_frames
-from everplace.describe.runs.kind_of_run import kind_of_run
+from everplace.describe.registry import kind_of_run
 from everplace.errors import CheckpointError, RouteError
 from everplace.files import readable
 from everplace.images.decoding import ImageSpec, decode_images

@@ -21,8 +21,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from everplace.describe.describer import Describer
 from everplace.describe.methods.onnx import OnnxDescriber
-from everplace.describe.pretrained.onnx_metadata import write_about
+from everplace.describe.pretrained.onnx_metadata import write_provenance
 from everplace.describe.pretrained.onnx_toml import OnnxToml, onnx_toml_path, onnx_toml_text, read_onnx_toml
 from everplace.describe.registry import open_describer
 from everplace.describe.runs.trained import TrainedDescriber
@@ -85,12 +86,12 @@ def export_onnx(run: str | os.PathLike[str], out: Path) -> OnnxExport:
         StorageError: Writing failed.
     """
     opened = open_describer(os.fspath(run))
-    if not isinstance(opened, TrainedDescriber):
+    if opened.checkpoint is None:
         raise MethodError(
             f"{readable(run)} is no run of a network, but {opened.method}; export a vae, c-vae, cp-vae or cae"
         )
-    describer = type(opened)(opened.checkpoint, device="cpu")
-    config = describer.checkpoint.model.config
+    model = opened.checkpoint.model
+    config = model.config
     toml = OnnxToml(
         image_size=(config.height, config.width),
         colour="grey" if config.channels == 1 else "rgb",
@@ -101,8 +102,9 @@ def export_onnx(run: str | os.PathLike[str], out: Path) -> OnnxExport:
     toml_path = onnx_toml_path(out)
     _require_free(toml_path)
     with whole_file(out) as network:
-        _write(_PlaceEncoder(describer.checkpoint.model), (config.channels, config.height, config.width), network)
-        write_about(network, describer.checkpoint.about)
+        _write(_PlaceEncoder(model), (config.channels, config.height, config.width), network)
+        write_provenance(network, opened.checkpoint.about)
+        describer = TrainedDescriber(opened.checkpoint, device="cpu")
         difference = _difference(describer, OnnxDescriber(network, toml))
         if not difference <= TOLERANCE:
             raise MachineError(
@@ -159,10 +161,10 @@ def _quiet() -> Iterator[None]:
         logger.setLevel(level)
 
 
-def _difference(describer: TrainedDescriber, exported: OnnxDescriber) -> float:
+def _difference(describer: Describer, exported: Describer) -> float:
     """The largest difference of a value, over smooth random images and a batch that the export did not see."""
     assert describer.image.size is not None
     numbers = np.random.default_rng(0)
     coarse = numbers.integers(0, 256, (_TRIALS, 4, 4, describer.image.channels), dtype=np.uint8)
     images = np.stack([resize_image(image, describer.image.size) for image in coarse])
-    return float(np.abs(describer.describe(images) - exported.describe(images)).max())
+    return float(np.abs(describer.describe_batch(images) - exported.describe_batch(images)).max())

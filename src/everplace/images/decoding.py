@@ -21,6 +21,7 @@ from typing import TypeVar
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from everplace.errors import ConfigError, ImageError
 from everplace.files import readable
@@ -32,6 +33,7 @@ __all__ = [
     "MAX_FILE_BYTES",
     "MAX_PIXELS",
     "ImageSpec",
+    "convert_image",
     "decode_encoded",
     "decode_image",
     "decode_images",
@@ -130,6 +132,30 @@ def decode_encoded(name: str, data: bytes, spec: ImageSpec) -> NDArray[np.uint8]
     if spec.size is not None:
         pixels = resize_image(pixels, spec.size)
     return pixels
+
+
+def convert_image(image: NDArray[np.uint8], spec: ImageSpec) -> NDArray[np.uint8]:
+    """Gives an image that lies in memory the size and channels of a spec, as `decode_image` does with a file.
+
+    Args:
+        image: H×W or H×W×1 grey, or H×W×3 RGB, uint8.
+        spec: The wanted size and channels.
+
+    Returns:
+        H×W×C uint8, C = 1 (grey) or 3 (RGB); a new array.
+
+    Raises:
+        ImageError: The array is no such image.
+    """
+    image = np.asarray(image)
+    if image.dtype != np.uint8 or image.shape[2:] not in {(), (1,), (3,)} or image.ndim < 2 or not image.size:
+        raise ImageError(
+            f"an image must be H×W (grey) or H×W×3 (RGB) numbers of uint8, not {image.dtype} of {image.shape}; "
+            "convert it, and give several as a list"
+        )
+    plain = Image.fromarray(image[..., 0] if image.shape[2:] == (1,) else image).convert("L" if spec.grey else "RGB")
+    pixels = np.array(plain).reshape(plain.height, plain.width, spec.channels)
+    return pixels if spec.size is None else resize_image(pixels, spec.size)
 
 
 def decode_images(paths: Sequence[Path], spec: ImageSpec, *, threads: int | None = None) -> Iterator[NDArray[np.uint8]]:

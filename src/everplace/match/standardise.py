@@ -11,8 +11,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from everplace.describe.describer import Metric
-from everplace.describe.files.descriptors import Descriptors
+from everplace.describe.files.descriptors import Descriptors, Metric
 from everplace.errors import ConfigError
 
 __all__ = ["Standardisation", "require_standardisable", "standardisable", "standardise"]
@@ -26,8 +25,7 @@ def standardise(descriptors: Descriptors, how: Standardisation) -> Descriptors:
     """Subtracts the traverse's mean descriptor; "full" also divides each dimension by its standard deviation.
 
     The statistics are those of the given descriptors alone: query and database are each standardised by their
-    own traverse, seen as a whole. A single frame becomes zero, and so does a dimension that does not vary. A
-    variance, where known, is scaled along.
+    own traverse, seen as a whole. A single frame becomes zero, and so does a dimension that does not vary.
 
     Args:
         descriptors: N×D descriptors of one traverse.
@@ -53,10 +51,7 @@ def standardise(descriptors: Descriptors, how: Standardisation) -> Descriptors:
     values = np.empty_like(descriptors.values)
     for rows in blocks:
         values[rows] = (descriptors.values[rows] - mean) * scale
-    variance = descriptors.variance
-    if variance is not None:
-        variance = (variance * np.square(scale)).astype(np.float32)
-    return replace(descriptors, values=values, variance=variance, settings={**descriptors.settings, "standardise": how})
+    return replace(descriptors, values=values, settings={**descriptors.settings, "standardise": how})
 
 
 def standardisable(metric: Metric) -> bool:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from everplace.describe.costs import time_describer
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Descriptors
-from everplace.describe.pipeline import describe_traverse, time_describer
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.match.best_matches import compared
@@ -230,7 +230,7 @@ def retrieve(
     described = {} if described is None else described
     for traverse in (pair.query, pair.database):
         if traverse.name not in described:
-            described[traverse.name] = describe_traverse(describer, traverse, progress=progress)
+            described[traverse.name] = describer.describe(traverse, progress=progress)
     query = described[pair.query.name].of(pair.query.stems)
     database = described[pair.database.name].of(pair.database.stems)
     S = similarity(*compared(query, database, matching.standardise))

@@ -27,26 +27,21 @@ def example(**others: Any) -> Descriptors:
 def test_a_file_gives_everything_back(tmp_path: Path) -> None:
     path = tmp_path / "new" / "d.h5"
     settings = {"word": "ü", "cell": 8, "rate": 0.1, "on": True}
-    variance = np.full((3, 2), 0.5, np.float32)
-    example(metric="mean-absolute-difference", settings=settings, variance=variance).save(path)
+    example(metric="mean-absolute-difference", settings=settings).save(path)
     read = load_descriptors(path)
     assert read.values.dtype == np.float32
     assert (read.values == VALUES).all()
     assert (read.names, read.method, read.metric) == (NAMES, "test", "mean-absolute-difference")
     assert read.settings == settings
     assert read.settings["on"] is True
-    assert read.variance is not None
-    assert (read.variance == variance).all()
     assert (len(read), read.dimension) == (3, 2)
 
 
 def test_rows_by_name() -> None:
-    whole = example(variance=VALUES + 1, settings={"cell": 8})
+    whole = example(settings={"cell": 8})
     some = whole.of(["c", "a"])
     assert some.names == ("c", "a")
     np.testing.assert_array_equal(some.values, VALUES[[2, 0]])
-    assert some.variance is not None
-    np.testing.assert_array_equal(some.variance, VALUES[[2, 0]] + 1)
     assert (some.method, some.settings) == ("test", {"cell": 8})
     assert whole.of(NAMES) is whole
     with pytest.raises(DescriptorsError, match="no descriptor of the frame 'd'"):
@@ -55,13 +50,11 @@ def test_rows_by_name() -> None:
 
 def test_rows_by_position() -> None:
     image_names = ("a.png", "b.png", "c.png")
-    whole = example(variance=VALUES + 1, settings={"cell": 8}, image_names=image_names)
+    whole = example(settings={"cell": 8}, image_names=image_names)
     for frames in ([2, 1], slice(2, 0, -1)):
         some = whole.take(frames)
         assert (some.names, some.image_names) == (("c", "Fähre/b"), ("c.png", "b.png"))
         np.testing.assert_array_equal(some.values, VALUES[[2, 1]])
-        assert some.variance is not None
-        np.testing.assert_array_equal(some.variance, VALUES[[2, 1]] + 1)
         assert (some.method, some.settings) == ("test", {"cell": 8})
 
 
@@ -95,6 +88,15 @@ def test_a_file_without_the_names_of_the_image_files_is_read(tmp_path: Path) -> 
     assert example().of(["c"]).image_names is None
 
 
+def test_a_file_of_an_earlier_release_may_hold_a_variance(tmp_path: Path) -> None:
+    example(settings={"cell": 8}).save(tmp_path / "d.h5")
+    with h5py.File(tmp_path / "d.h5", "r+") as file:
+        file["variance"] = VALUES + 1
+    read = load_descriptors(tmp_path / "d.h5")
+    assert (read.values == VALUES).all()
+    assert (read.names, read.settings) == (NAMES, {"cell": 8})
+
+
 def test_names_that_are_not_utf8_keep_their_bytes(tmp_path: Path) -> None:
     names = ("a", "b\udcff", "c")
     example(names=names).save(tmp_path / "d.h5")
@@ -102,12 +104,11 @@ def test_names_that_are_not_utf8_keep_their_bytes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("what", ["values", "variance"])
-def test_a_value_that_is_not_finite_names_its_frame(bad: float, what: str) -> None:
+def test_a_value_that_is_not_finite_names_its_frame(bad: float) -> None:
     array = VALUES.copy()
     array[1, 0] = bad
     with pytest.raises(DescriptorsError, match="frame 'Fähre/b' holds NaN or infinity"):
-        example(**{what: array})
+        example(values=array)
 
 
 @pytest.mark.parametrize(
@@ -125,8 +126,6 @@ def test_a_value_that_is_not_finite_names_its_frame(bad: float, what: str) -> No
         ({"names": ("a", "b", "c\0d")}, "cannot name a frame"),
         ({"names": ("a", "b", "c\ud800")}, "cannot name a frame"),
         ({"metric": "euclid"}, "cosine, mean-absolute-difference, place-posterior, not 'euclid'"),
-        ({"variance": VALUES[:, :1]}, r"\(3, 1\), not \(3, 2\)"),
-        ({"variance": -VALUES}, "variance of frame 'a' is negative"),
         ({"image_names": ("a.png", "b.png")}, "2 image names for 3 names"),
         ({"image_names": ("a.png", "b.png", "a.png")}, "'a.png' occurs twice"),
         ({"image_names": ("a.png", "b.png", "")}, "cannot name a frame"),

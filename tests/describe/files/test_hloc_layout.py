@@ -46,7 +46,6 @@ def test_it_is_read_back_in_the_natural_order_of_the_names(tmp_path: Path) -> No
     assert (read.names, read.image_names) == (NAMES, IMAGES)
     assert read.values.tolist() == VALUES.tolist()
     assert (read.method, read.metric, read.settings) == ("test", "mean-absolute-difference", {"cell": 8})
-    assert read.variance is None
 
 
 def test_without_image_names_the_groups_are_the_names(tmp_path: Path) -> None:

@@ -11,9 +11,8 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from everplace.describe.pipeline import describe_traverse
 from everplace.describe.registry import open_describer
-from everplace.errors import InputError, MethodError
+from everplace.errors import DescriptorsError, InputError, MethodError
 from everplace.images.decoding import ImageSpec
 from everplace.route.route import open_route
 
@@ -90,7 +89,7 @@ def test_a_local_network_describes_with_imagenet_normalisation(repository: Path)
     images = batch(3)
     mean = images.astype(np.float64).mean(axis=(1, 2)) / 255
     expected = (mean - [0.485, 0.456, 0.406]) / [0.229, 0.224, 0.225]
-    assert np.allclose(describer.describe(images), expected, atol=1e-4)
+    assert np.allclose(describer.describe_batch(images), expected, atol=1e-4)
 
 
 def test_arguments_go_to_the_entry_and_options_to_the_images(
@@ -103,7 +102,7 @@ def test_arguments_go_to_the_entry_and_options_to_the_images(
     assert describer.dimension == 6
     images = batch(2, 32, 48)
     expected = 2.5 * images.astype(np.float64).mean(axis=(1, 2)) / 255 / [0.5, 0.25, 1.0]
-    assert np.allclose(describer.describe(images), np.tile(expected, 2), atol=1e-4)
+    assert np.allclose(describer.describe_batch(images), np.tile(expected, 2), atol=1e-4)
     out, err = capsys.readouterr()
     assert out == ""  # results belong there
     assert "loading a&b" in err
@@ -114,7 +113,7 @@ def test_arguments_go_to_the_entry_and_options_to_the_images(
 
 def test_a_traverse_is_described(repository: Path, tiny_route: Path) -> None:
     describer = open_describer(f"hub:{repository}:mean_colour#size=32x64")
-    described = describe_traverse(describer, open_route(tiny_route)["winter"])
+    described = describer.describe(open_route(tiny_route)["winter"])
     assert described.values.shape == (12, 3)
     assert described.settings == describer.settings()
 
@@ -136,7 +135,7 @@ def test_two_repositories_may_have_modules_of_one_name(tmp_path: Path, repositor
     path, modules = list(sys.path), set(sys.modules)
     near, far = (open_describer(f"hub:{one}:mean_colour") for one in (repository, other))
     images = batch(1)
-    assert np.allclose(far.describe(images) - near.describe(images), 100, atol=1e-3)
+    assert np.allclose(far.describe_batch(images) - near.describe_batch(images), 100, atol=1e-3)
     assert sys.path == path
     assert "layers" not in set(sys.modules) - modules
 
@@ -174,8 +173,8 @@ def test_what_cannot_be_used_is_one_sentence(repository: Path, rest: str, messag
 
 def test_a_dimension_that_changes_is_refused(repository: Path) -> None:
     describer = open_describer(f"hub:{repository}:changing#size=8x8")
-    with pytest.raises(MethodError, match="returned 5 numbers an image, but 3 before"):
-        describer.describe(batch(3, 8, 8))
+    with pytest.raises(DescriptorsError, match=r"returned an array of shape \(3, 5\), not \(3, 3\)"):
+        describer.describe(list(batch(3, 8, 8)))
 
 
 def test_a_missing_dependency_is_named(tmp_path: Path) -> None:

@@ -13,8 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-from everplace.describe.methods.onnx import OnnxDescriber, open_method
-from everplace.describe.pipeline import describe_traverse
+from everplace.describe.methods.onnx import open_method
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MethodError, MissingExtraError
 from everplace.images.decoding import ImageSpec
@@ -75,7 +74,7 @@ def test_the_toml_says_how_images_are_prepared(tmp_path: Path) -> None:
     describer = open_describer(f"onnx:{path}")
     assert (describer.method, describer.dimension, describer.metric) == ("onnx:net", 3, "cosine")
     assert describer.image == ImageSpec((H, W))
-    values = describer.describe(batch(5))
+    values = describer.describe_batch(batch(5))
     assert values.dtype == np.float32
     assert np.allclose(values, expected(batch(5)), atol=1e-5)
     assert describer.settings() == {
@@ -86,7 +85,7 @@ def test_the_toml_says_how_images_are_prepared(tmp_path: Path) -> None:
 
 def test_blue_comes_first_where_the_toml_says_so(tmp_path: Path) -> None:
     describer = open_method(str(write_network(tmp_path, TOML.replace("rgb", "bgr"))))
-    assert np.allclose(describer.describe(batch(2)), expected(batch(2)[..., ::-1]), atol=1e-5)
+    assert np.allclose(describer.describe_batch(batch(2)), expected(batch(2)[..., ::-1]), atol=1e-5)
 
 
 def test_grey_is_one_channel(tmp_path: Path) -> None:
@@ -95,37 +94,37 @@ def test_grey_is_one_channel(tmp_path: Path) -> None:
     describer = open_method(str(write_network(tmp_path, toml, shape=("n", 1, H, W), weights=weights)))
     assert describer.image == ImageSpec((H, W), grey=True)
     mean = (batch(2, 1).astype(np.float64).mean(axis=(1, 2)) / 255 - 0.5) / 0.5
-    assert np.allclose(describer.describe(batch(2, 1)), mean * [1, -1], atol=1e-5)
+    assert np.allclose(describer.describe_batch(batch(2, 1)), mean * [1, -1], atol=1e-5)
 
 
 def test_channels_may_come_last(tmp_path: Path) -> None:
     path = write_network(tmp_path, TOML + 'layout = "nhwc"\n', shape=("n", H, W, 3), axes=(1, 2))
-    assert np.allclose(open_method(str(path)).describe(batch(3)), expected(batch(3)), atol=1e-5)
+    assert np.allclose(open_method(str(path)).describe_batch(batch(3)), expected(batch(3)), atol=1e-5)
 
 
 def test_pixels_are_handed_over_as_they_are_to_a_network_that_takes_them(tmp_path: Path) -> None:
     path = write_network(tmp_path, PIXELS, input_type=TensorProto.UINT8)
-    values = open_method(str(path)).describe(batch(3))
+    values = open_method(str(path)).describe_batch(batch(3))
     assert np.allclose(values, batch(3).astype(np.float64).mean(axis=(1, 2)), atol=1e-3)
 
 
 def test_half_precision_is_fed_as_such(tmp_path: Path) -> None:
     path = write_network(tmp_path, input_type=TensorProto.FLOAT16)
-    assert np.allclose(open_method(str(path)).describe(batch(3)), expected(batch(3)), atol=2e-3)
+    assert np.allclose(open_method(str(path)).describe_batch(batch(3)), expected(batch(3)), atol=2e-3)
 
 
 @pytest.mark.parametrize("frames", [1, 4, 6])
 def test_a_fixed_batch_is_filled_up(tmp_path: Path, frames: int) -> None:
     describer = open_method(str(write_network(tmp_path, shape=(4, 3, H, W))))
     assert describer.batch == 4
-    assert np.allclose(describer.describe(batch(frames)), expected(batch(frames)), atol=1e-5)
+    assert np.allclose(describer.describe_batch(batch(frames)), expected(batch(frames)), atol=1e-5)
 
 
 def test_l2_divides_by_the_length_and_leaves_zero_alone(tmp_path: Path) -> None:
     describer = open_method(str(write_network(tmp_path, PIXELS + "l2 = true\n", input_type=TensorProto.UINT8)))
     images = batch(3)
     images[1] = 0
-    lengths = np.linalg.norm(describer.describe(images), axis=1)
+    lengths = np.linalg.norm(describer.describe_batch(images), axis=1)
     assert np.allclose(lengths, [1, 0, 1], atol=1e-6)
 
 
@@ -147,7 +146,7 @@ def test_one_of_several_outputs_is_named(tmp_path: Path) -> None:
 
 def test_a_traverse_is_described(tmp_path: Path, tiny_route: Path) -> None:
     describer = open_method(str(write_network(tmp_path)))
-    described = describe_traverse(describer, open_route(tiny_route)["summer"])
+    described = describer.describe(open_route(tiny_route)["summer"])
     assert described.values.shape == (12, 3)
     assert described.settings["weights"] == describer.settings()["weights"]
 
@@ -250,9 +249,3 @@ def test_a_missing_library_is_named_with_its_extra(
 def test_a_name_without_file_is_refused() -> None:
     with pytest.raises(ConfigError, match="write onnx:FILE.onnx"):
         open_describer("onnx")
-
-
-def test_images_of_another_size_are_refused(tmp_path: Path) -> None:
-    describer: OnnxDescriber = open_method(str(write_network(tmp_path)))
-    with pytest.raises(MethodError, match="onnx:net describes uint8 images of shape B×6×10×3"):
-        describer.describe(np.zeros((1, H, W, 1), np.uint8))

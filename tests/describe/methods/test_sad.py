@@ -7,7 +7,6 @@ import pytest
 from numpy.typing import NDArray
 
 from everplace.describe.methods.sad import SAD, normalise_patches
-from everplace.errors import MethodError
 
 
 def random_images(count: int, low: int = 0, high: int = 256) -> NDArray[np.uint8]:
@@ -22,7 +21,7 @@ def test_every_patch_is_normalised_on_its_own() -> None:
             for x in range(0, 64, 8):
                 patch = images[b, y : y + 8, x : x + 8, 0].astype(np.float64)
                 expected[b, y : y + 8, x : x + 8] = (patch - patch.mean()) / patch.std()
-    described = SAD().describe(images)
+    described = SAD().describe_batch(images)
     assert described.dtype == np.float32
     assert described.shape == (3, 2048)
     assert np.allclose(described, expected.reshape(3, 2048), atol=1e-6)
@@ -31,7 +30,7 @@ def test_every_patch_is_normalised_on_its_own() -> None:
 def test_a_flat_patch_becomes_zero_and_nothing_else_does() -> None:
     images = random_images(1)
     images[0, 8:16, 24:32] = 77
-    described = SAD().describe(images).reshape(32, 64)
+    described = SAD().describe_batch(images).reshape(32, 64)
     assert (described[8:16, 24:32] == 0).all()
     assert np.isfinite(described).all()
     patches = described.reshape(4, 8, 8, 8).std(axis=(1, 3))
@@ -40,13 +39,13 @@ def test_a_flat_patch_becomes_zero_and_nothing_else_does() -> None:
 
 @pytest.mark.parametrize("value", [0, 1, 254, 255])
 def test_a_flat_image_becomes_zero(value: int) -> None:
-    assert (SAD().describe(np.full((1, 32, 64, 1), value, np.uint8)) == 0).all()
+    assert (SAD().describe_batch(np.full((1, 32, 64, 1), value, np.uint8)) == 0).all()
 
 
 def test_the_largest_contrast_does_not_overflow() -> None:
     images = np.zeros((1, 32, 64, 1), np.uint8)
     images[0, :, ::2] = 255
-    assert set(SAD().describe(images).ravel().tolist()) == {-1.0, 1.0}
+    assert set(SAD().describe_batch(images).ravel().tolist()) == {-1.0, 1.0}
     lone = np.full((1, 32, 32), 255, np.uint8)
     lone[0, 0, 0] = 0
     normalised = normalise_patches(lone, 32)[0]
@@ -57,16 +56,11 @@ def test_brightness_and_contrast_of_a_patch_do_not_count() -> None:
     images = random_images(2, high=100)
     brighter = images.copy()
     brighter[:, :8, :8] = 2 * images[:, :8, :8] + 50
-    assert np.allclose(SAD().describe(brighter), SAD().describe(images), atol=1e-6)
+    assert np.allclose(SAD().describe_batch(brighter), SAD().describe_batch(images), atol=1e-6)
 
 
 def test_the_batch_does_not_change_the_result() -> None:
     images = random_images(9)
-    whole = SAD().describe(images)
-    assert (np.vstack([SAD().describe(images[i : i + 1]) for i in range(9)]) == whole).all()
-    assert (SAD().describe(images[::-1])[::-1] == whole).all()
-
-
-def test_other_images_are_refused() -> None:
-    with pytest.raises(MethodError, match="sad describes uint8 images of shape B×32×64×1"):
-        SAD().describe(np.zeros((1, 64, 32, 1), np.uint8))
+    whole = SAD().describe_batch(images)
+    assert (np.vstack([SAD().describe_batch(images[i : i + 1]) for i in range(9)]) == whole).all()
+    assert (SAD().describe_batch(images[::-1])[::-1] == whole).all()

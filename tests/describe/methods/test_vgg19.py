@@ -62,7 +62,7 @@ def test_pool4_is_the_fourth_pooling(tmp_path: Path, save_random_weights: SaveRa
     describer = open_describer(f"vgg19:pool4:{path}")
     assert (describer.method, describer.image, describer.metric) == ("vgg19:pool4", ImageSpec((224, 224)), "cosine")
     images = batch(1)
-    values = describer.describe(images)
+    values = describer.describe_batch(images)
     expected = blocks(images, weights, 4)
     assert expected.shape == (1, 512, 14, 14)
     assert values.shape == (1, describer.dimension) == (1, 100_352)
@@ -80,10 +80,10 @@ def test_fc7_is_the_second_layer_of_the_classifier(tmp_path: Path, save_random_w
     x = blocks(images, weights, 5).flatten(1)
     x = (x @ weights["classifier.0.weight"].T + weights["classifier.0.bias"]).clamp(min=0)
     x = (x @ weights["classifier.3.weight"].T + weights["classifier.3.bias"]).clamp(min=0)
-    values = describer.describe(images)
+    values = describer.describe_batch(images)
     assert np.allclose(values, x.numpy(), atol=1e-3 * float(x.max()))
     # Nothing is dropped at random, and rows do not mix.
-    assert np.allclose(describer.describe(images[1:])[0], values[1], atol=1e-3 * float(x.max()))
+    assert np.allclose(describer.describe_batch(images[1:])[0], values[1], atol=1e-3 * float(x.max()))
 
 
 def test_arguments_choose_layer_and_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

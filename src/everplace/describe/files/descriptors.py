@@ -1,7 +1,7 @@
 """Descriptors of a traverse: in memory, in everplace's HDF5 file, and in hloc's layout.
 
 The file: dataset `descriptors` N×D float32, dataset `names` N UTF-8 strings, where known `image_names` N UTF-8
-strings and `variance` N×D float32, and the attributes `method`, `metric`, `settings` (JSON), `everplace_version`.
+strings, and the attributes `method`, `metric`, `settings` (JSON), `everplace_version`.
 A file from elsewhere needs the first two only: its method is then "unknown" and its metric cosine. hloc's layout
 (`everplace.describe.files.hloc_layout`) gets the same attributes, which hloc does not look at.
 """
@@ -10,32 +10,35 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any, Literal, TypeAlias, cast, get_args
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.describe.describer import Metric, Settings
 from everplace.describe.files.hdf5 import (
-    BYTES_OF_NAMES,
     find_dataset,
-    image_of,
-    in_memory,
     read_numbers,
     read_text,
     read_texts,
+    whole_hdf5,
     write_texts,
 )
 from everplace.describe.files.hloc_layout import is_hloc_layout, read_groups, write_groups
 from everplace.errors import DescriptorsError
-from everplace.files import readable, write_bytes
+from everplace.files import readable
 
-__all__ = ["Descriptors", "load_descriptors"]
+__all__ = ["Descriptors", "Metric", "Settings", "load_descriptors"]
+
+Metric: TypeAlias = Literal["cosine", "mean-absolute-difference", "place-posterior"]
+Settings: TypeAlias = Mapping[str, str | int | float | bool]
+
+_UNNAMEABLE = re.compile("[\0\ud800-\udc7f\udd00-\udfff]")  # surrogates, but for those of bytes that are not UTF-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +51,6 @@ class Descriptors:
         method: The method that made them.
         metric: How two of them are compared.
         settings: All that changed the numbers; descriptors of other settings are not compared.
-        variance: N×D float32, finite and not negative, where the method knows it.
         image_names: N distinct names of the image files, with their endings, from the directory of images on, where
             they are known.
 
@@ -61,20 +63,17 @@ class Descriptors:
     method: str
     metric: Metric = "cosine"
     settings: Settings = field(default_factory=dict)
-    variance: NDArray[np.float32] | None = None
     image_names: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "names", tuple(self.names))
-        _check_names(self.names)
+        object.__setattr__(self, "names", _checked_names(self.names))
         if self.image_names is not None:
-            object.__setattr__(self, "image_names", tuple(self.image_names))
-            self._check_image_names(self.image_names)
-        object.__setattr__(self, "values", self._checked(self.values, "descriptors"))
+            object.__setattr__(self, "image_names", _checked_names(self.image_names))
+            if len(self.image_names) != len(self.names):
+                raise DescriptorsError(f"there are {len(self.image_names)} image names for {len(self.names)} names")
+        object.__setattr__(self, "values", _checked_values(self.values, self.names))
         if self.metric not in get_args(Metric):
             raise DescriptorsError(f"the metric must be one of {', '.join(get_args(Metric))}, not {self.metric!r}")
-        if self.variance is not None:
-            object.__setattr__(self, "variance", self._checked_variance(self.variance))
 
     def __len__(self) -> int:
         return len(self.names)
@@ -106,7 +105,6 @@ class Descriptors:
             self,
             values=self.values[frames],
             names=tuple(self.names[row] for row in rows),
-            variance=None if self.variance is None else self.variance[frames],
             image_names=None if image_names is None else tuple(image_names[row] for row in rows),
         )
 
@@ -116,55 +114,18 @@ class Descriptors:
             return self
         return replace(self, image_names=tuple(f"{directory}/{name}" for name in self.image_names))
 
-    def _checked(self, array: NDArray[Any], what: str) -> NDArray[np.float32]:
-        array = np.asarray(array)
-        if array.dtype.kind != "f":
-            raise DescriptorsError(f"the {what} must be floating-point numbers, not {array.dtype}")
-        if array.ndim != 2 or array.size == 0:
-            raise DescriptorsError(f"the {what} must be N×D numbers of at least one frame, not of shape {array.shape}")
-        if len(array) != len(self.names):
-            raise DescriptorsError(f"there are {len(array)} rows of {what} for {len(self.names)} names")
-        with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is named below
-            array = np.ascontiguousarray(array, np.float32)
-        finite = np.isfinite(array.min(axis=1)) & np.isfinite(array.max(axis=1))  # both hand NaN on
-        if not finite.all():
-            name = self.names[int(np.argmin(finite))]
-            raise DescriptorsError(f"the {what} of frame {readable(name)!r} holds NaN or infinity; look at its image")
-        return array
-
-    def _check_image_names(self, image_names: tuple[str, ...]) -> None:
-        _check_names(image_names)
-        if len(image_names) != len(self.names):
-            raise DescriptorsError(f"there are {len(image_names)} image names for {len(self.names)} names")
-
-    def _checked_variance(self, array: NDArray[Any]) -> NDArray[np.float32]:
-        variance = self._checked(array, "variance")
-        if variance.shape != self.values.shape:
-            raise DescriptorsError(
-                f"the variance has shape {variance.shape}, not {self.values.shape} as the descriptors"
-            )
-        negative = variance.min(axis=1) < 0
-        if negative.any():
-            name = self.names[int(np.argmax(negative))]
-            raise DescriptorsError(f"the variance of frame {readable(name)!r} is negative; look at the model")
-        return variance
-
     def save(self, path: str | Path) -> None:
         """Writes everplace's HDF5 file, whole or not at all.
 
         Raises:
             StorageError: The place cannot be written to.
         """
-        with in_memory() as file:
+        with whole_hdf5(Path(path)) as file:
             file["descriptors"] = self.values
-            if self.variance is not None:
-                file["variance"] = self.variance
             write_texts(file, "names", self.names)
             if self.image_names is not None:
                 write_texts(file, "image_names", self.image_names)
             self._write_attributes(file)
-            image = image_of(file)
-        write_bytes(Path(path), image)
 
     def write_hloc(self, path: str | Path) -> None:
         """Writes hloc's layout, see `everplace.describe.files.hloc_layout`; without image names, by the names.
@@ -174,11 +135,9 @@ class Descriptors:
                 or is the directory of another.
             StorageError: The place cannot be written to.
         """
-        with in_memory() as file:
+        with whole_hdf5(Path(path)) as file:
             write_groups(file, self.names if self.image_names is None else self.image_names, self.values)
             self._write_attributes(file)
-            image = image_of(file)
-        write_bytes(Path(path), image)
 
     def _write_attributes(self, file: h5py.File) -> None:
         file.attrs["method"] = self.method
@@ -201,13 +160,7 @@ def load_descriptors(path: str | Path) -> Descriptors:
             return _read(file)
     except DescriptorsError as error:
         raise DescriptorsError(f"{readable(path)} cannot be read: {error}") from error
-    except (
-        OSError,
-        RuntimeError,
-        KeyError,
-        ValueError,
-        TypeError,
-    ) as error:  # what h5py raises for a damaged file
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:  # what h5py raises for a damaged file
         raise DescriptorsError(
             f"{readable(path)} is no readable HDF5 file ({error}); make it again with `everplace describe`"
         ) from error
@@ -220,17 +173,12 @@ def _read(file: h5py.File) -> Descriptors:
     if is_hloc_layout(file):
         stems, images, rows = read_groups(file)
         return Descriptors(rows, stems, method, metric, settings, image_names=images)
-    values = find_dataset(file, "descriptors")
-    names = find_dataset(file, "names")
-    if values.ndim == 2 and names.ndim == 1 and len(names) != len(values):
-        raise DescriptorsError(f"there are {len(values)} rows of descriptors for {len(names)} names")
     return Descriptors(
-        read_numbers(values, "descriptors"),
-        read_texts(names, "names"),
+        read_numbers(find_dataset(file, "descriptors"), "descriptors"),
+        read_texts(find_dataset(file, "names"), "names"),
         method,
         metric,
         settings,
-        read_numbers(find_dataset(file, "variance"), "variance") if "variance" in file else None,
         read_texts(find_dataset(file, "image_names"), "image_names") if "image_names" in file else None,
     )
 
@@ -245,21 +193,34 @@ def _settings(text: str) -> Settings:
     return settings
 
 
-def _check_names(names: tuple[str, ...]) -> None:
+def _checked_names(names: Sequence[str]) -> tuple[str, ...]:
+    names = tuple(names)
     for name in names:
-        if not name or "\0" in name or not _is_encodable(name):
+        if not name or _UNNAMEABLE.search(name):
             raise DescriptorsError(f"{name!r} cannot name a frame; give it a name that a file could have")
     if len(set(names)) < len(names):
         twice = Counter(names).most_common(1)[0][0]
         raise DescriptorsError(f"the name {readable(twice)!r} occurs twice; every frame needs its own")
+    return names
 
 
-def _is_encodable(name: str) -> bool:
-    try:
-        name.encode("utf-8", BYTES_OF_NAMES)
-    except UnicodeEncodeError:  # half of a surrogate pair
-        return False
-    return True
+def _checked_values(values: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.float32]:
+    values = np.asarray(values)
+    if values.dtype.kind != "f":
+        raise DescriptorsError(f"the descriptors must be floating-point numbers, not {values.dtype}")
+    if values.ndim != 2 or values.size == 0:
+        raise DescriptorsError(
+            f"the descriptors must be N×D numbers of at least one frame, not of shape {values.shape}"
+        )
+    if len(values) != len(names):
+        raise DescriptorsError(f"there are {len(values)} rows of descriptors for {len(names)} names")
+    with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is named below
+        values = np.ascontiguousarray(values, np.float32)
+    finite = np.isfinite(values.min(axis=1)) & np.isfinite(values.max(axis=1))  # both hand NaN on
+    if not finite.all():
+        name = names[int(np.argmin(finite))]
+        raise DescriptorsError(f"the descriptor of frame {readable(name)!r} holds NaN or infinity; look at its image")
+    return values
 
 
 def _version() -> str:

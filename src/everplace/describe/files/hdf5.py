@@ -2,50 +2,54 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Sequence
-from typing import Any, cast
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from everplace.errors import DescriptorsError
+from everplace.files import write_bytes
 
 __all__ = [
-    "BYTES_OF_NAMES",
     "find_dataset",
-    "image_of",
-    "in_memory",
     "read_numbers",
     "read_text",
     "read_texts",
     "require_own_numbers",
+    "whole_hdf5",
     "write_texts",
 ]
 
-BYTES_OF_NAMES = "surrogateescape"
-"""A name that is not UTF-8 keeps its bytes, as Python's file names do."""
-
+_BYTES_OF_NAMES = "surrogateescape"  # a name that is not UTF-8 keeps its bytes, as Python's file names do
 _GROWS_BY = 2**20
 _MOST_COMPRESSED = 1000  # bytes out of one, about what deflate reaches on zeros
 _TEXTS_AT_ONCE = 64
 
 
-def in_memory() -> h5py.File:
-    """A file to fill in memory: HDF5 itself crashes, or leaves its file behind, where the disk is full."""
-    return h5py.File("descriptors", "w", driver="core", backing_store=False, block_size=_GROWS_BY)
+@contextlib.contextmanager
+def whole_hdf5(path: Path) -> Iterator[h5py.File]:
+    """A file to fill in memory, then written whole or not at all.
 
+    HDF5 itself crashes, or leaves its file behind, where the disk is full.
 
-def image_of(file: h5py.File) -> bytes:
-    """The bytes of a file that was filled in memory."""
-    file.flush()
-    return cast("bytes", file.id.get_file_image())
+    Raises:
+        StorageError: The place cannot be written to.
+    """
+    with h5py.File("descriptors", "w", driver="core", backing_store=False, block_size=_GROWS_BY) as file:
+        yield file
+        file.flush()
+        image = file.id.get_file_image()
+    write_bytes(path, image)
 
 
 def write_texts(file: h5py.File, name: str, texts: Sequence[str]) -> None:
     """Writes a dataset of UTF-8 strings."""
-    encoded = [text.encode("utf-8", BYTES_OF_NAMES) for text in texts]
+    encoded = [text.encode("utf-8", _BYTES_OF_NAMES) for text in texts]
     file.create_dataset(name, data=encoded, dtype=h5py.string_dtype("utf-8"))
 
 
@@ -109,7 +113,7 @@ def read_texts(dataset: Any, name: str) -> tuple[str, ...]:
     total = 0
     most = max(dataset.file.id.get_filesize(), dataset.nbytes)
     for start in range(0, len(dataset), _TEXTS_AT_ONCE):
-        texts.extend(dataset.asstr("utf-8", BYTES_OF_NAMES)[start : start + _TEXTS_AT_ONCE])
+        texts.extend(dataset.asstr("utf-8", _BYTES_OF_NAMES)[start : start + _TEXTS_AT_ONCE])
         total += sum(map(len, texts[start:]))
         if total > most:
             raise DescriptorsError(f"its `{name}` are longer than the file; make it again with `everplace describe`")

@@ -16,7 +16,6 @@ from torch import nn
 
 from everplace.describe.pretrained.gaussian_projection import GaussianProjection
 from everplace.describe.pretrained.network import NetworkDescriber
-from everplace.describe.pretrained.network_input import IMAGENET
 from everplace.describe.pretrained.weights import PublishedWeights, fetch_weights, load_weights, weight_file
 from everplace.progress import Progress
 
@@ -28,12 +27,10 @@ WEIGHTS = PublishedWeights(
     "7be5be791159472b1fbf3c69796f7cb30dca7ad8466c2df70058c37116cdee02",
     megabytes=244,
 )
-_SIZE = (224, 224)
 _CONV3 = 8  # the layers up to conv3 and its ReLU
 _CONV3_NUMBERS = 384 * 13 * 13
 _DIMENSION = 4096
 _SEED = 0
-_BATCH = 32
 
 
 def alexnet_features() -> nn.Sequential:
@@ -80,9 +77,6 @@ def open_method(argument: str) -> NetworkDescriber:
     return NetworkDescriber(
         "alexnet",
         nn.Sequential(features[:_CONV3], nn.Flatten(), projection),
-        size=_SIZE,
-        normalisation=IMAGENET,
-        dimension=_DIMENSION,
         settings={"layer": "conv3, after ReLU", "projection_seed": _SEED, "weights": digest[:16]},
-        batch=_BATCH,
+        batch=32,
     )

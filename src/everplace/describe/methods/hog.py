@@ -5,18 +5,16 @@ Dalal and Triggs, "Histograms of Oriented Gradients for Human Detection", CVPR 2
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.describe.describer import Describer, Metric, require_images, require_no_argument
+from everplace.describe.describer import Describer, require_no_argument
+from everplace.describe.files.descriptors import Settings
 from everplace.images.decoding import ImageSpec
 
 __all__ = ["HOG", "open_method"]
 
-_IMAGE = ImageSpec(size=(64, 128), grey=True)
 _WINDOW = (128, 64)  # width, height, as all sizes here: OpenCV's order
 _BLOCK = (16, 16)
 _STRIDE = (8, 8)
@@ -24,27 +22,22 @@ _CELL = (8, 8)
 _BINS = 9
 
 
-def _descriptor() -> cv2.HOGDescriptor:
-    return cv2.HOGDescriptor(_WINDOW, _BLOCK, _STRIDE, _CELL, _BINS)
-
-
-@dataclass(frozen=True, slots=True)
-class HOG:
+class HOG(Describer):
     """Describes a 128×64 (width × height) grey image: 15×7 blocks of 2×2 cells of 9 unsigned orientations."""
 
-    method: str = "hog"
-    image: ImageSpec = _IMAGE
-    dimension: int = 3780
-    metric: Metric = "cosine"
-    _hog: cv2.HOGDescriptor = field(default_factory=_descriptor, repr=False)
+    method = "hog"
+    image = ImageSpec(size=(64, 128), grey=True)
+    dimension = 3780
 
-    def settings(self) -> dict[str, str | int | float | bool]:
+    def __init__(self) -> None:
+        self._hog = cv2.HOGDescriptor(_WINDOW, _BLOCK, _STRIDE, _CELL, _BINS)
+
+    def settings(self) -> Settings:
         """Returns the sides of the cells and blocks in pixels and the number of orientation bins."""
         return {"cell": _CELL[0], "block": _BLOCK[0], "bins": _BINS}
 
-    def describe(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def describe_batch(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Describes B×64×128×1 images by B×3780 values in [0, 1]; a block of 36 is of length 1, or 0."""
-        require_images(images, self.image, self.method)
         values = np.empty((len(images), self.dimension), np.float32)
         for row, image in zip(values, images, strict=True):
             row[:] = np.asarray(self._hog.compute(image), np.float32).reshape(-1)

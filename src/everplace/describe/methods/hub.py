@@ -26,9 +26,7 @@ from everplace.errors import ConfigError
 
 __all__ = ["open_method"]
 
-_SIZE = (224, 224)  # a multiple of 14 and of 32, as the patches and strides of these networks want it
 _OPTIONS = ("mean", "size", "std")
-_BATCH = 8
 
 
 def open_method(argument: str) -> NetworkDescriber:
@@ -48,7 +46,7 @@ def open_method(argument: str) -> NetworkDescriber:
     unknown = sorted(set(options) - set(_OPTIONS))
     if unknown:
         raise ConfigError(f"hub:{argument}: unknown option {unknown[0]!r} after #; known: {', '.join(_OPTIONS)}")
-    size = _size(options["size"]) if "size" in options else _SIZE
+    size = _size(options.get("size", "224x224"))  # a multiple of 14 and of 32, as patches and strides mostly want it
     mean = _channels(options["mean"], "mean") if "mean" in options else IMAGENET.mean
     std = _channels(options["std"], "std") if "std" in options else IMAGENET.std
     normalisation = Normalisation(mean, std)
@@ -64,7 +62,7 @@ def open_method(argument: str) -> NetworkDescriber:
             "code": loaded.code[:16],
             "weights": loaded.weights[:16],
         },
-        batch=_BATCH,
+        batch=8,
     )
 
 

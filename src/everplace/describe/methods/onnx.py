@@ -9,16 +9,16 @@ operators and numbers: opening one runs no code of its maker. It runs in onnxrun
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.describe.describer import Metric, require_images
+from everplace.describe.describer import Describer
+from everplace.describe.files.descriptors import Settings
 from everplace.describe.pretrained.network_input import Normalisation, network_input
-from everplace.describe.pretrained.onnx_metadata import read_about
+from everplace.describe.pretrained.onnx_metadata import read_provenance
 from everplace.describe.pretrained.onnx_toml import OnnxToml, onnx_toml_path, read_onnx_toml
 from everplace.downloads import sha256_of
 from everplace.errors import ConfigError, MethodError, MissingExtraError
@@ -38,36 +38,12 @@ _INPUT_TYPES: dict[str, type[np.generic]] = {
 }
 _OUTPUT_TYPES = {"tensor(float)", "tensor(float16)", "tensor(double)"}
 _FATAL_ONLY = 4  # what fails is raised, and said once
-_BATCH = 8
 
 
-@dataclass(frozen=True, slots=True)
-class _Input:
-    """The network's input.
+class OnnxDescriber(Describer):
+    """An ONNX network, opened as its TOML says."""
 
-    Attributes:
-        name: Its name.
-        type: Of its numbers.
-        batch: The number of images it takes; None: any.
-    """
-
-    name: str
-    type: type[np.generic]
-    batch: int | None
-
-
-class OnnxDescriber:
-    """An ONNX network, opened.
-
-    Attributes:
-        method: `onnx:NAME`.
-        image: What the TOML says.
-        dimension: D, learnt from one grey image.
-        metric: Cosine similarity.
-        batch: Images at once where nobody asks for another number.
-    """
-
-    metric: Metric = "cosine"
+    batch = 8
 
     def __init__(self, path: Path, toml: OnnxToml) -> None:
         self.method = f"onnx:{path.stem}"
@@ -75,35 +51,29 @@ class OnnxDescriber:
         self._toml = toml
         self._weights = _weights_hash(path)
         self._session = _session(path)
-        self._about = read_about(path, self._session.get_modelmeta().custom_metadata_map)
-        self._input = _input(path, self._session, toml)
+        self._provenance = read_provenance(path, self._session.get_modelmeta().custom_metadata_map)
+        self.seen_stems = stems_seen(self._provenance)
+        self._input = _checked_input(path, self._session, toml)
         self._output = _output_name(path, self._session, toml)
-        self.batch = self._input.batch or _BATCH
+        self._fixed_batch = self._input.shape[0] if isinstance(self._input.shape[0], int) else None
+        self.batch = self._fixed_batch or self.batch
         self.dimension = self._measured_dimension(path)
 
-    @property
-    def seen_stems(self) -> frozenset[str]:
-        """Stems that an exported run was trained on or chosen by; empty for a network that does not say."""
-        return stems_seen(self._about)
-
-    def settings(self) -> dict[str, str | int | float | bool]:
+    def settings(self) -> Settings:
         """Returns how an exported run was trained, what the TOML says and the hash of the network's file."""
         told = self._toml.model_dump(mode="json", exclude_none=True)
         flat = {key: " ".join(map(str, value)) if isinstance(value, list) else value for key, value in told.items()}
-        return {**plain_values(self._about), **flat, "weights": self._weights[:16]}
+        return {**plain_values(self._provenance), **flat, "weights": self._weights[:16]}
 
-    def describe(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def describe_batch(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Describes B×H×W×C images by B×D numbers.
 
         Raises:
             MethodError: The network returned something else.
         """
-        require_images(images, self.image, self.method)
-        step = self._input.batch or max(1, len(images))
-        values = np.empty((len(images), self.dimension), np.float32)
-        for start in range(0, len(images), step):
-            some = images[start : start + step]
-            values[start : start + step] = self._run(some)
+        step = self._fixed_batch or len(images)
+        parts = [self._run(images[start : start + step]) for start in range(0, len(images), step)]
+        values: NDArray[np.float32] = np.concatenate(parts, dtype=np.float32, casting="same_kind")
         if self._toml.l2:
             lengths = np.linalg.norm(values, axis=1, keepdims=True)
             np.divide(values, lengths, out=values, where=lengths > 0)
@@ -112,8 +82,8 @@ class OnnxDescriber:
     def _run(self, images: NDArray[np.uint8]) -> NDArray[Any]:
         """Describes at most as many images as the network takes; a fixed batch is filled up."""
         count = len(images)
-        if self._input.batch is not None:
-            images = np.pad(images, ((0, self._input.batch - count), (0, 0), (0, 0), (0, 0)))
+        if self._fixed_batch is not None:
+            images = np.pad(images, ((0, self._fixed_batch - count), (0, 0), (0, 0), (0, 0)))
         fed = {self._input.name: self._prepared(images)}
         output = np.asarray(self._session.run([self._output], fed)[0])
         if output.ndim != 2 or len(output) != len(images):
@@ -128,10 +98,11 @@ class OnnxDescriber:
         if toml.colour == "bgr":
             images = images[..., ::-1]
         if toml.mean is None or toml.scale is None:
-            return np.ascontiguousarray(images if toml.layout == "nhwc" else images.transpose(0, 3, 1, 2))
-        values = network_input(images, Normalisation(toml.mean, toml.scale))
-        laid = values if toml.layout == "nchw" else np.ascontiguousarray(values.transpose(0, 2, 3, 1))
-        return laid.astype(self._input.type, copy=False)
+            prepared: NDArray[Any] = images.transpose(0, 3, 1, 2)
+        else:
+            prepared = network_input(images, Normalisation(toml.mean, toml.scale))
+        laid = prepared if toml.layout == "nchw" else prepared.transpose(0, 2, 3, 1)
+        return np.ascontiguousarray(laid, _INPUT_TYPES[self._input.type])
 
     def _measured_dimension(self, path: Path) -> int:
         height, width = self._toml.image_size
@@ -181,7 +152,7 @@ def _session(path: Path) -> onnxruntime.InferenceSession:
         ) from error
 
 
-def _input(path: Path, session: onnxruntime.InferenceSession, toml: OnnxToml) -> _Input:
+def _checked_input(path: Path, session: onnxruntime.InferenceSession, toml: OnnxToml) -> onnxruntime.NodeArg:
     inputs = session.get_inputs()
     if len(inputs) != 1:
         names = ", ".join(one.name for one in inputs)
@@ -210,7 +181,7 @@ def _input(path: Path, session: onnxruntime.InferenceSession, toml: OnnxToml) ->
             else "prepared numbers; state mean and scale"
         )
         raise ConfigError(f"{readable(path)} takes {only.type}, so it wants {need} in {toml_path}")
-    return _Input(only.name, _INPUT_TYPES[only.type], only.shape[0] if isinstance(only.shape[0], int) else None)
+    return only
 
 
 def _output_name(path: Path, session: onnxruntime.InferenceSession, toml: OnnxToml) -> str:

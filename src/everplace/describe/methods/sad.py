@@ -6,36 +6,31 @@ ICRA 2012. Frame by frame; SeqSLAM's search for sequences is a separate step (`e
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.describe.describer import Describer, Metric, require_images, require_no_argument
+from everplace.describe.describer import Describer, require_no_argument
+from everplace.describe.files.descriptors import Settings
 from everplace.images.decoding import ImageSpec
 
 __all__ = ["SAD", "normalise_patches", "open_method"]
 
-_IMAGE = ImageSpec(size=(32, 64), grey=True)
 
-
-@dataclass(frozen=True, slots=True)
-class SAD:
+class SAD(Describer):
     """Describes an image by its 64×32 (width × height) grey pixels, normalised patch by patch of 8×8."""
 
-    method: str = "sad"
-    image: ImageSpec = _IMAGE
-    dimension: int = 2048
-    metric: Metric = "mean-absolute-difference"
-    patch: int = 8
+    method = "sad"
+    image = ImageSpec(size=(32, 64), grey=True)
+    dimension = 2048
+    metric = "mean-absolute-difference"
+    patch = 8
 
-    def settings(self) -> dict[str, str | int | float | bool]:
+    def settings(self) -> Settings:
         """Returns the side of a patch in pixels."""
         return {"patch": self.patch}
 
-    def describe(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def describe_batch(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Describes B×32×64×1 images by B×2048 values, row by row of the image."""
-        require_images(images, self.image, self.method)
         return normalise_patches(images[..., 0], self.patch).reshape(len(images), -1)
 
 

@@ -18,12 +18,11 @@ import torch
 from torch import nn
 
 from everplace.describe.pretrained.network import NetworkDescriber
-from everplace.describe.pretrained.network_input import IMAGENET
 from everplace.describe.pretrained.weights import PublishedWeights, fetch_weights, load_weights, weight_file
 from everplace.errors import MethodError
 from everplace.progress import Progress
 
-__all__ = ["LAYERS", "WEIGHTS", "open_method", "prepare", "vgg19_classifier", "vgg19_features"]
+__all__ = ["WEIGHTS", "open_method", "prepare", "vgg19_classifier", "vgg19_features"]
 
 WEIGHTS = PublishedWeights(
     "VGG19",
@@ -31,13 +30,9 @@ WEIGHTS = PublishedWeights(
     "dcbb9e9dad569fff7a846263a77324fc34978fea2bfb039c012d710e1776ae44",
     megabytes=575,
 )
-LAYERS = {"fc7": 4096, "pool4": 512 * 14 * 14}
-"""Layers to choose from, with their number of values; the first is the default."""
-
-_SIZE = (224, 224)
+_LAYERS = ("fc7", "pool4")  # the first is the default
 _BLOCKS = ((64, 64), (128, 128), (256,) * 4, (512,) * 4, (512,) * 4)
 _POOL4 = 28  # the layers up to the fourth pooling
-_BATCH = 8  # conv1 alone takes 13 MB an image
 
 
 def vgg19_features() -> nn.Sequential:
@@ -82,18 +77,15 @@ def open_method(argument: str) -> NetworkDescriber:
     return NetworkDescriber(
         f"vgg19:{layer}",
         nn.Sequential(*stages),
-        size=_SIZE,
-        normalisation=IMAGENET,
-        dimension=LAYERS[layer],
         settings={"weights": digest[:16]},
-        batch=_BATCH,
+        batch=8,  # conv1 alone takes 13 MB an image
     )
 
 
 def _layer_and_file(argument: str) -> tuple[str, str]:
     head, _, rest = argument.partition(":")
-    if head in LAYERS:
+    if head in _LAYERS:
         return head, rest
     if argument and "/" not in argument and not argument.endswith(".pth"):
-        raise MethodError(f"vgg19 has no layer {head!r}; choose {' or '.join(LAYERS)}, or give a .pth file")
-    return next(iter(LAYERS)), argument
+        raise MethodError(f"vgg19 has no layer {head!r}; choose {' or '.join(_LAYERS)}, or give a .pth file")
+    return _LAYERS[0], argument

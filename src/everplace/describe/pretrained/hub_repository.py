@@ -100,13 +100,6 @@ def load_network(repository: HubRepository, entry: str, arguments: Mapping[str, 
         with _unattended():
             network = _load(repository, entry, arguments)
         code = _code_hash(repository, before)
-    except (ModuleNotFoundError, RuntimeError) as error:
-        raise MethodError(f"{where} cannot be loaded: {_missing(error) or _reason(error, repository)}") from error
-    except EOFError as error:
-        raise MethodError(
-            f"{where} cannot be loaded: it asks a question, as torch.hub does for a second repository; load it once in "
-            "Python with torch.hub.load and answer there"
-        ) from error
     except (Exception, SystemExit) as error:
         raise MethodError(f"{where} cannot be loaded: {_reason(error, repository)}") from error
     finally:
@@ -214,16 +207,17 @@ def _weights_hash(network: nn.Module) -> str:
     return digest.hexdigest()
 
 
-def _missing(error: Exception) -> str | None:
-    """What to install, where that is the reason."""
-    found = re.match(r"Missing dependencies: (.+)", str(error))
-    missing = error.name if isinstance(error, ModuleNotFoundError) else found[1] if found else None
-    if missing is None:
-        return None
-    return f"it needs {missing}, not installed here; pip install {missing.replace(',', '')}"
-
-
 def _reason(error: BaseException, repository: HubRepository) -> str:
+    """Why a network cannot be loaded, and the remedy."""
+    if isinstance(error, EOFError):
+        return (
+            "it asks a question, as torch.hub does for a second repository; load it once in Python with torch.hub.load "
+            "and answer there"
+        )
+    found = re.match(r"Missing dependencies: (.+)", str(error))  # torch.hub's words
+    missing = error.name if isinstance(error, ModuleNotFoundError) else found[1] if found else None
+    if missing is not None:
+        return f"it needs {missing}, not installed here; pip install {missing.replace(',', '')}"
     lines = str(error).strip().splitlines()
     what = f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
     if repository.directory is None and _cached(repository.label) is None:

@@ -1,4 +1,4 @@
-"""What an exported network says of the run it came from, in the ONNX file's own metadata.
+"""The provenance of an exported network, how its run was trained, in the ONNX file's own metadata.
 
 Without it a network that was trained on the tested places could not be told from one that was not.
 """
@@ -13,12 +13,12 @@ from typing import Any
 from everplace.errors import MethodError
 from everplace.files import readable
 
-__all__ = ["read_about", "write_about"]
+__all__ = ["read_provenance", "write_provenance"]
 
 _KEY = "everplace.about"
 
 
-def write_about(network: Path, about: Mapping[str, Any]) -> None:
+def write_provenance(network: Path, about: Mapping[str, Any]) -> None:
     """Adds `about` (see `everplace.model.provenance`) to an ONNX file."""
     import onnx
 
@@ -28,7 +28,7 @@ def write_about(network: Path, about: Mapping[str, Any]) -> None:
     onnx.save(model, str(network))
 
 
-def read_about(network: Path, metadata: Mapping[str, str]) -> dict[str, Any]:
+def read_provenance(network: Path, metadata: Mapping[str, str]) -> dict[str, Any]:
     """Reads it back; empty for a network that was exported by something else.
 
     Args:
@@ -36,7 +36,7 @@ def read_about(network: Path, metadata: Mapping[str, str]) -> dict[str, Any]:
         metadata: Its own key and value pairs.
 
     Raises:
-        MethodError: The entry is not what `write_about` writes.
+        MethodError: The entry is not what `write_provenance` writes.
     """
     if _KEY not in metadata:
         return {}

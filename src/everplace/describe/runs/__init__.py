@@ -1,1 +1,1 @@
-"""Describers of run directories, one module a kind of fitted model."""
+"""Describers of run directories: a kind of model is opened by the module of its name here, else by `trained`."""

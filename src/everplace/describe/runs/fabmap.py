@@ -16,41 +16,35 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.describe.describer import Metric, require_images
+from everplace.describe.describer import Describer
+from everplace.describe.files.descriptors import Settings
 from everplace.fabmap.fabmap_model import FabMap, load_fabmap
 from everplace.images.decoding import ImageSpec
 
 __all__ = ["FabMapDescriber", "open_method"]
 
 
-class FabMapDescriber:
+class FabMapDescriber(Describer):
     """Describes with a fitted FAB-MAP.
 
     A descriptor holds the frame twice, as a place and as an observation, so that two files of descriptors can be
     compared without the run (see `FabMap.embed`).
 
     Attributes:
-        method: `fabmap`.
-        image: Grey, at the size that the model was fitted on.
         dimension: 2W + 1 for W words; the first W values are the binary words.
-        metric: Log-probability of the place, given the query.
         model: Vocabulary and tree.
     """
 
-    method: str = "fabmap"
-    metric: Metric = "place-posterior"
+    method = "fabmap"
+    metric = "place-posterior"
 
     def __init__(self, model: FabMap) -> None:
         self.model = model
         self.image = ImageSpec(model.config.image_size, grey=True)
         self.dimension = 2 * model.config.words + 1
+        self.seen_stems = model.seen_stems
 
-    @property
-    def seen_stems(self) -> frozenset[str]:
-        """Stems of the frames that vocabulary and tree were learned from."""
-        return self.model.seen_stems
-
-    def settings(self) -> dict[str, str | int | float | bool]:
+    def settings(self) -> Settings:
         """What identifies this model: its configuration, its seed, and the hash of vocabulary and tree."""
         config = self.model.config.model_dump(mode="json")
         size = self.model.config.image_size
@@ -61,9 +55,8 @@ class FabMapDescriber:
             "weights": self.model.sha256[:16],
         }
 
-    def describe(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def describe_batch(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Describes a batch, B×H×W×1 uint8, as B×(2W + 1) float32."""
-        require_images(images, self.image, self.method)
         words = np.zeros((len(images), self.model.config.words), np.bool_)
         for row, image in zip(words, images, strict=True):
             row[:] = self.model.words(image[..., 0])

@@ -1,35 +1,35 @@
-"""Describing with a network that was trained into a run directory."""
+"""Describing with a network that was trained into a run directory, compared by Eq. 6 of the paper, the cosine.
+
+VAE, C-VAE and CP-VAE (Oh and Eoh 2021): the posterior mean of z_p, 96 values, or of all of z for the plain VAE, 128.
+CAE: the code of a plain convolutional autoencoder, 128 values; the predecessors of the paper's model, Oh and Lee [16]
+and Park [17], describe places by these. The paper gives no more than that;
+`everplace.model.condition_vae.ConditionVAE` says what was decided here.
+"""
 
 from __future__ import annotations
 
 from copy import deepcopy
+from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from everplace.describe.describer import Metric, require_images
+from everplace.describe.describer import Describer
+from everplace.describe.files.descriptors import Settings
 from everplace.images.decoding import ImageSpec
-from everplace.model.checkpoint import Checkpoint
+from everplace.model.checkpoint import Checkpoint, load_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.inference import default_device, inference
 from everplace.model.pixels import to_input
 
-__all__ = ["TrainedDescriber", "to_array"]
+__all__ = ["TrainedDescriber", "open_method"]
 
 
-class TrainedDescriber:
-    """Describes with the model of a checkpoint, which stays as it is.
+class TrainedDescriber(Describer):
+    """Describes with the model of a checkpoint, which stays as it is."""
 
-    Attributes:
-        method: Kind of the model: `vae`, `c-vae`, `cp-vae` or `cae`.
-        image: The image size and channels that the model was trained on.
-        dimension: Numbers in a descriptor, D.
-        metric: Cosine similarity, Eq. 6 of the paper.
-        checkpoint: The model and how it was made.
-    """
-
-    metric: Metric = "cosine"
+    checkpoint: Checkpoint
 
     def __init__(self, checkpoint: Checkpoint, device: str | torch.device | None = None) -> None:
         """Opens the model on a device.
@@ -38,42 +38,35 @@ class TrainedDescriber:
             checkpoint: The model.
             device: Where it is applied; None: a GPU, where there is one.
         """
-        self.checkpoint = checkpoint
         config = checkpoint.model.config
-        self.method: str = config.kind
+        self.method = config.kind
         self.image = ImageSpec((config.height, config.width), grey=config.channels == 1)
         self.dimension = config.descriptor_dimensions
+        self.seen_stems = checkpoint.seen_stems
+        self.checkpoint = checkpoint
         self._device = torch.device(device or default_device())
         self._model = _on(checkpoint.model, self._device)
+        self.latent_model = None if config.kind == "cae" else self._model
 
-    @property
-    def model(self) -> ConditionVAE:
-        """The network in evaluation mode, on the device where it is applied."""
-        return self._model
-
-    @property
-    def seen_stems(self) -> frozenset[str]:
-        """Stems of the frames that the model was trained on or chosen by."""
-        return self.checkpoint.seen_stems
-
-    def settings(self) -> dict[str, str | int | float | bool]:
+    def settings(self) -> Settings:
         """What identifies this model: image, how it was trained and chosen, and the hash of its weights."""
         return self.checkpoint.settings()
 
-    def describe(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def describe_batch(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Describes a batch, B×H×W×C uint8, as B×D float32."""
         with inference():
-            return to_array(self._model.descriptor(self._input(images)))
-
-    def _input(self, images: NDArray[np.uint8]) -> torch.Tensor:
-        require_images(images, self.image, self.method)
-        return to_input(torch.from_numpy(images).to(self._device))
+            values = self._model.descriptor(to_input(torch.from_numpy(images).to(self._device)))
+        array: NDArray[np.float32] = values.float().cpu().numpy()
+        return array
 
 
-def to_array(values: torch.Tensor) -> NDArray[np.float32]:
-    """Returns values on any device as float32."""
-    array: NDArray[np.float32] = values.float().cpu().numpy()
-    return array
+def open_method(argument: str) -> TrainedDescriber:
+    """Opens a run directory.
+
+    Raises:
+        CheckpointError: It holds no usable checkpoint.
+    """
+    return TrainedDescriber(load_checkpoint(Path(argument)))
 
 
 def _on(model: ConditionVAE, device: torch.device) -> ConditionVAE:

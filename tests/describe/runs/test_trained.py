@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from everplace.describe.describer import ProbabilisticDescriber
-from everplace.describe.runs.vae import VAEDescriber, open_method
-from everplace.errors import CheckpointError, MethodError
+from everplace.describe.runs.trained import TrainedDescriber, open_method
+from everplace.errors import CheckpointError
 from everplace.images.decoding import ImageSpec
 from everplace.model.checkpoint import Checkpoint, save_checkpoint
 from everplace.model.condition_vae import ConditionVAE
@@ -27,7 +26,7 @@ def saved_run(run: Path, kind: ModelKind, channels: int = 1) -> ConditionVAE:
             "height": 32,
             "width": 64,
             "channels": channels,
-            "conditions": () if kind == "vae" else ("a", "b"),
+            "conditions": () if kind in ("vae", "cae") else ("a", "b"),
             "places": 4 if kind == "cp-vae" else 0,
             "fully_connected": False,  # 90 MB at this size
         }
@@ -49,17 +48,26 @@ def test_the_descriptor_is_the_posterior_mean_of_the_block(tmp_path: Path, kind:
     describer = open_method(str(tmp_path))
     size = 128 if kind == "vae" else 96
     assert (describer.method, describer.dimension, describer.metric) == (kind, size, "cosine")
-    assert isinstance(describer, ProbabilisticDescriber)
     images = batch(5)
-    values, variance = describer.describe_with_variance(images)
+    values = describer.describe_batch(images)
     with torch.no_grad():
         posterior = model.encoder(to_input(torch.from_numpy(images)))
     # Another device adds up in another order.
     rounding = 1e-5 if torch.cuda.is_available() else 1e-6
     np.testing.assert_allclose(values, posterior.mean[:, :size].numpy(), atol=rounding)
-    np.testing.assert_allclose(variance, posterior.log_variance.exp()[:, :size].numpy(), rtol=1e-5)
-    assert values.dtype == variance.dtype == np.float32
-    assert np.array_equal(describer.describe(images), values)
+    assert values.dtype == np.float32
+    assert describer.latent_model is not None
+
+
+def test_an_autoencoder_has_no_latent_to_audit(tmp_path: Path) -> None:
+    model = saved_run(tmp_path, "cae")
+    describer = open_method(str(tmp_path))
+    assert (describer.method, describer.dimension, describer.metric) == ("cae", 128, "cosine")
+    assert describer.latent_model is None
+    images = batch(2)
+    with torch.no_grad():
+        code = model.encoder(to_input(torch.from_numpy(images))).mean.numpy()
+    np.testing.assert_allclose(describer.describe_batch(images), code, atol=1e-5)
 
 
 def test_each_row_depends_on_its_own_image_alone(tmp_path: Path) -> None:
@@ -67,9 +75,9 @@ def test_each_row_depends_on_its_own_image_alone(tmp_path: Path) -> None:
     describer = open_method(str(tmp_path))
     images = batch(4)
     before = images.copy()
-    together = describer.describe(images)
+    together = describer.describe_batch(images)
     for index in range(4):
-        np.testing.assert_allclose(describer.describe(images[index : index + 1])[0], together[index], atol=1e-6)
+        np.testing.assert_allclose(describer.describe_batch(images[index : index + 1])[0], together[index], atol=1e-6)
     assert np.array_equal(images, before)
 
 
@@ -78,9 +86,7 @@ def test_the_image_is_the_one_that_was_trained_on(tmp_path: Path, channels: int,
     saved_run(tmp_path, "vae", channels)
     describer = open_method(str(tmp_path))
     assert describer.image == ImageSpec((32, 64), grey=grey)
-    assert describer.describe(batch(2, channels)).shape == (2, 128)
-    with pytest.raises(MethodError, match="vae describes uint8 images of shape B×32×64"):
-        describer.describe(batch(2, 4 - channels))
+    assert describer.describe_batch(batch(2, channels)).shape == (2, 128)
 
 
 def test_settings_tell_models_apart_and_are_plain_values(tmp_path: Path) -> None:
@@ -94,10 +100,10 @@ def test_settings_tell_models_apart_and_are_plain_values(tmp_path: Path) -> None
 
 def test_a_model_that_is_being_trained_is_described_with_as_it_is_and_trained_on(tmp_path: Path) -> None:
     model = saved_run(tmp_path, "vae")
-    wanted = VAEDescriber(Checkpoint(model), device="cpu").describe(batch(3))
+    wanted = TrainedDescriber(Checkpoint(model), device="cpu").describe_batch(batch(3))
     model.train()
     before = {name: value.clone() for name, value in model.state_dict().items()}
-    np.testing.assert_array_equal(VAEDescriber(Checkpoint(model), device="cpu").describe(batch(3)), wanted)
+    np.testing.assert_array_equal(TrainedDescriber(Checkpoint(model), device="cpu").describe_batch(batch(3)), wanted)
     assert model.training
     assert all(torch.equal(value, before[name]) for name, value in model.state_dict().items())
 
@@ -109,6 +115,7 @@ def test_a_directory_without_a_checkpoint_is_one_clear_error(tmp_path: Path) -> 
 
 def test_a_describer_on_another_device_leaves_the_model_where_it_is(tmp_path: Path) -> None:
     model = saved_run(tmp_path, "cp-vae")
-    describer = VAEDescriber(Checkpoint(model), device="meta")
+    describer = TrainedDescriber(Checkpoint(model), device="meta")
     assert {parameter.device.type for parameter in model.parameters()} == {"cpu"}
-    assert {parameter.device.type for parameter in describer.model.parameters()} == {"meta"}
+    assert describer.latent_model is not None
+    assert {parameter.device.type for parameter in describer.latent_model.parameters()} == {"meta"}

@@ -1,8 +1,8 @@
-"""Peak memory of a method, measured in a process of its own: what a robot that runs only this method needs.
+"""What a method costs: the time for one image, and the memory that a robot needs which runs only this method.
 
-In the process of a comparison the figure would be that of all methods together: libraries once imported and weights
-once loaded stay. So another process opens the method and describes some images, and says how much of it was in main
-memory at its highest: Python, the libraries and the weights count, memory of a GPU does not.
+Peak memory is measured in a process of its own, which opens the method, describes some images and says how much of it
+was in main memory at its highest: Python, the libraries and the weights count, memory of a GPU does not. In the process
+of a comparison the figure would be that of all methods together: libraries once imported and weights once loaded stay.
 """
 
 from __future__ import annotations
@@ -11,18 +11,51 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from everplace.errors import MethodError
+import numpy as np
 
-__all__ = ["peak_memory"]
+from everplace.describe.batches import gather_batches
+from everplace.describe.describer import Describer
+from everplace.describe.registry import open_describer
+from everplace.errors import MethodError, RouteError
+from everplace.images.decoding import decode_images
 
-_FRAMES = 64
+__all__ = ["peak_memory", "time_describer"]
+
 _MEGABYTE = 10**6
 
 
-def peak_memory(method: str, paths: Sequence[Path], *, frames: int = _FRAMES) -> float | None:
+def time_describer(describer: Describer, paths: Sequence[Path], *, frames: int = 32) -> float:
+    """Measures how long a method takes for one image as it comes from a camera, alone.
+
+    Args:
+        describer: The method, opened; neither that nor decoding is counted.
+        paths: Images to choose from; the first `frames` are used.
+        frames: Number of images to time.
+
+    Returns:
+        The median over the images, in milliseconds.
+
+    Raises:
+        RouteError: There are no images.
+        ImageError: An image cannot be decoded.
+    """
+    images = list(decode_images(paths[:frames], describer.image))
+    if not images:
+        raise RouteError("there are no images to time a method on; choose a directory or frames that hold some")
+    describer.describe_batch(images[0][None])  # the first call also allocates and chooses kernels
+    elapsed = []
+    for image in images:
+        start = time.perf_counter()
+        describer.describe_batch(image[None])
+        elapsed.append(time.perf_counter() - start)
+    return 1000 * float(np.median(elapsed))
+
+
+def peak_memory(method: str, paths: Sequence[Path], *, frames: int = 64) -> float | None:
     """Measures the largest resident memory of a process that opens a method and describes images with it.
 
     Args:
@@ -50,12 +83,10 @@ def peak_memory(method: str, paths: Sequence[Path], *, frames: int = _FRAMES) ->
 
 
 def _main() -> None:
-    from everplace.describe.pipeline import describe_paths
-    from everplace.describe.registry import open_describer
-
     order = json.load(sys.stdin)
-    paths = [Path(path) for path in order["paths"]]
-    describe_paths(open_describer(order["method"]), paths, [str(number) for number in range(len(paths))])
+    describer = open_describer(order["method"])
+    for images in gather_batches(decode_images([*map(Path, order["paths"])], describer.image), describer.batch):
+        describer.describe_batch(images)
     print("\n" + json.dumps(_peak_of_this_process()))
 
 

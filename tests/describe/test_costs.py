@@ -1,15 +1,22 @@
-"""Peak memory, measured in a real process."""
+"""The time of one image without decoding, and peak memory, measured in a real process."""
 
 from __future__ import annotations
 
 import sys
+import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 
-from everplace.describe.peak_memory import peak_memory
-from everplace.errors import MethodError
+from everplace.describe import costs
+from everplace.describe.costs import peak_memory, time_describer
+from everplace.describe.methods.sad import SAD
+from everplace.errors import MethodError, RouteError
+from everplace.images.decoding import ImageSpec
 from everplace.route.route import open_route
 
 _MEGABYTES = 300
@@ -67,3 +74,32 @@ def test_a_method_that_fails_there_is_named(tiny_route: Path, tmp_path: Path) ->
     paths = open_route(tiny_route)["summer"].paths
     with pytest.raises(MethodError, match="peak memory of nonesuch could not be measured: .*nonesuch"):
         peak_memory("nonesuch", paths)
+
+
+class Slow(SAD):
+    """Takes 4 ms an image."""
+
+    def __init__(self) -> None:
+        self.batches: list[int] = []
+
+    def describe_batch(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+        self.batches.append(len(images))
+        time.sleep(0.004 * len(images))
+        return super().describe_batch(images)
+
+
+def test_time_is_that_of_one_image_without_decoding(monkeypatch: pytest.MonkeyPatch) -> None:
+    def decode_slowly(paths: Sequence[Path], spec: ImageSpec) -> Iterator[NDArray[np.uint8]]:
+        for _ in paths:
+            time.sleep(0.2)
+            yield np.zeros((32, 64, 1), np.uint8)
+
+    monkeypatch.setattr(costs, "decode_images", decode_slowly)
+    describer = Slow()
+    assert 4 <= time_describer(describer, [Path(str(i)) for i in range(20)], frames=5) < 200
+    assert describer.batches == [1] * 6  # one to warm up
+
+
+def test_without_images_there_is_nothing_to_time() -> None:
+    with pytest.raises(RouteError, match="no images to time"):
+        time_describer(SAD(), [])
