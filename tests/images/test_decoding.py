@@ -18,7 +18,7 @@ from PIL import Image
 from everplace.errors import ConfigError, ImageError
 from everplace.files import readable
 from everplace.images import decoding as images
-from everplace.images.decoding import ImageSpec, decode_image, decode_images, resize_image
+from everplace.images.decoding import ImageSpec, convert_image, decode_image, decode_images, resize_image
 from everplace.images.formats import image_size
 
 COLOUR = ImageSpec()
@@ -392,3 +392,18 @@ def test_broken_images_print_nothing(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-W", "always", "-c", code, str(tmp_path)], capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("done\n", "")
+
+
+@pytest.mark.parametrize("spec", [COLOUR, GREY, ImageSpec((13, 90)), ImageSpec((80, 20), grey=True)])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_an_image_in_memory_becomes_what_its_file_is_decoded_to(tmp_path: Path, spec: ImageSpec, channels: int) -> None:
+    image = landscape(channels=channels)
+    before = image.copy()
+    Image.fromarray(image.squeeze()).save(tmp_path / "a.png")
+    wanted = decode_image(tmp_path / "a.png", spec)
+    for form in (image, image.squeeze(), np.asfortranarray(image)):
+        converted = convert_image(form, spec)
+        np.testing.assert_array_equal(converted, wanted)
+        assert converted.flags.writeable
+        converted[:] = 0
+    np.testing.assert_array_equal(image, before)

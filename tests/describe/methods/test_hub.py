@@ -159,6 +159,7 @@ def test_two_repositories_may_have_modules_of_one_name(tmp_path: Path, repositor
         ("mean_colour?scale=1&scale=2", "'scale' is given twice"),
         ("mean_colour#sise=2x2", "unknown option 'sise' after #; known: mean, size, std"),
         ("mean_colour#size=224", "size=224 is no size; write HxW"),
+        (f"mean_colour#size={'9' * 5000}x8", "is no size; write HxW"),
         ("mean_colour#size=0x10", "image size 0×10 is not possible"),
         ("mean_colour#mean=1/2", "mean=1/2 must be one number, or three"),
         ("mean_colour#std=0", "std not 0"),

@@ -8,12 +8,12 @@ A file from elsewhere needs the first two only: its method is then "unknown" and
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, cast, get_args
 
@@ -143,7 +143,7 @@ class Descriptors:
         file.attrs["method"] = self.method
         file.attrs["metric"] = self.metric
         file.attrs["settings"] = json.dumps(dict(self.settings), sort_keys=True)
-        file.attrs["everplace_version"] = _version()
+        file.attrs["everplace_version"] = version("everplace")
 
 
 def load_descriptors(path: str | Path) -> Descriptors:
@@ -221,10 +221,3 @@ def _checked_values(values: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.
         name = names[int(np.argmin(finite))]
         raise DescriptorsError(f"the descriptor of frame {readable(name)!r} holds NaN or infinity; look at its image")
     return values
-
-
-def _version() -> str:
-    try:
-        return importlib.metadata.version("everplace")
-    except importlib.metadata.PackageNotFoundError:  # run from a source tree that is not installed
-        return "unknown"

@@ -69,10 +69,9 @@ def open_method(argument: str) -> NetworkDescriber:
         MethodError: The file is missing, damaged, or of another network.
     """
     with torch.device("meta"):
-        network = nn.ModuleDict({"features": alexnet_features()})
+        features = alexnet_features()
+    network = nn.ModuleDict({"features": features})
     digest = load_weights(weight_file(argument, WEIGHTS), network, WEIGHTS.network)
-    features = network["features"]
-    assert isinstance(features, nn.Sequential)
     projection = GaussianProjection(_CONV3_NUMBERS, _DIMENSION, _SEED)
     return NetworkDescriber(
         "alexnet",

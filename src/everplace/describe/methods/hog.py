@@ -38,10 +38,7 @@ class HOG(Describer):
 
     def describe_batch(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Describes B×64×128×1 images by B×3780 values in [0, 1]; a block of 36 is of length 1, or 0."""
-        values = np.empty((len(images), self.dimension), np.float32)
-        for row, image in zip(values, images, strict=True):
-            row[:] = np.asarray(self._hog.compute(image), np.float32).reshape(-1)
-        return values
+        return np.stack([np.asarray(self._hog.compute(image), np.float32).reshape(-1) for image in images])
 
 
 def open_method(argument: str) -> Describer:

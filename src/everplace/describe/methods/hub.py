@@ -17,6 +17,7 @@ repository on GitHub must be named in EVERPLACE_TRUST_HUB at its first use.
 from __future__ import annotations
 
 import json
+import re
 from urllib.parse import unquote
 
 from everplace.describe.pretrained.hub_repository import load_network, parse_repository
@@ -51,17 +52,13 @@ def open_method(argument: str) -> NetworkDescriber:
     std = _channels(options["std"], "std") if "std" in options else IMAGENET.std
     normalisation = Normalisation(mean, std)
     arguments = {key: _value(text) for key, text in _pairs(arguments_text).items()}
-    loaded = load_network(repository, entry, arguments)
+    network, identity = load_network(repository, entry, arguments)
     return NetworkDescriber(
         f"hub:{repository.label}:{entry}",
-        loaded.network,
+        network,
         size=size,
         normalisation=normalisation,
-        settings={
-            "arguments": json.dumps(arguments, sort_keys=True),
-            "code": loaded.code[:16],
-            "weights": loaded.weights[:16],
-        },
+        settings={"arguments": json.dumps(arguments, sort_keys=True), **identity},
         batch=8,
     )
 
@@ -86,10 +83,10 @@ def _value(text: str) -> object:
 
 
 def _size(text: str) -> tuple[int, int]:
-    height, _, width = text.partition("x")
-    if not (height.isascii() and width.isascii() and height.isdigit() and width.isdigit()):
+    found = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", text)
+    if found is None:
         raise ConfigError(f"size={text} is no size; write HxW in pixels, such as size=480x640")
-    return int(height), int(width)
+    return int(found[1]), int(found[2])
 
 
 def _channels(text: str, name: str) -> tuple[float, ...]:

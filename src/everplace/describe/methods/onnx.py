@@ -20,6 +20,7 @@ from everplace.describe.files.descriptors import Settings
 from everplace.describe.pretrained.network_input import Normalisation, network_input
 from everplace.describe.pretrained.onnx_metadata import read_provenance
 from everplace.describe.pretrained.onnx_toml import OnnxToml, onnx_toml_path, read_onnx_toml
+from everplace.describe.pretrained.trial import first_line, measured_dimension
 from everplace.downloads import sha256_of
 from everplace.errors import ConfigError, MethodError, MissingExtraError
 from everplace.files import readable
@@ -57,7 +58,9 @@ class OnnxDescriber(Describer):
         self._output = _output_name(path, self._session, toml)
         self._fixed_batch = self._input.shape[0] if isinstance(self._input.shape[0], int) else None
         self.batch = self._fixed_batch or self.batch
-        self.dimension = self._measured_dimension(path)
+        self.dimension = measured_dimension(
+            self, readable(path), f"correct image_size or layout in {readable(onnx_toml_path(path))}"
+        )
 
     def settings(self) -> Settings:
         """Returns how an exported run was trained, what the TOML says and the hash of the network's file."""
@@ -104,26 +107,13 @@ class OnnxDescriber(Describer):
         laid = prepared if toml.layout == "nchw" else prepared.transpose(0, 2, 3, 1)
         return np.ascontiguousarray(laid, _INPUT_TYPES[self._input.type])
 
-    def _measured_dimension(self, path: Path) -> int:
-        height, width = self._toml.image_size
-        grey = np.full((1, height, width, self.image.channels), 128, np.uint8)
-        try:
-            return int(self._run(grey).shape[1])
-        except MethodError:
-            raise
-        except Exception as error:  # onnxruntime's own kinds derive from nothing more special
-            raise MethodError(
-                f"{readable(path)} fails on an image of {height}×{width}: {_first_line(error)}; "
-                f"correct image_size or layout in {readable(onnx_toml_path(path))}"
-            ) from error
-
 
 def open_method(argument: str) -> OnnxDescriber:
     """Opens an ONNX file and the TOML beside it.
 
     Raises:
         MethodError: The file is missing, is no ONNX network, or does not take or give what is wanted.
-        MissingExtraError: onnxruntime is not installed.
+        MissingExtraError: onnx or onnxruntime is not installed.
         ConfigError: The TOML is missing or wrong.
     """
     if not argument:
@@ -131,14 +121,17 @@ def open_method(argument: str) -> OnnxDescriber:
     path = Path(argument).expanduser()
     if not path.is_file():
         raise MethodError(f"there is no ONNX file {readable(path)}; check the path after onnx:")
+    try:
+        import onnx  # noqa: F401
+        import onnxruntime  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError("the method onnx", "onnx") from error
     return OnnxDescriber(path, read_onnx_toml(onnx_toml_path(path)))
 
 
 def _session(path: Path) -> onnxruntime.InferenceSession:
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise MissingExtraError("the method onnx", "onnx") from error
+    import onnxruntime
+
     options = onnxruntime.SessionOptions()
     options.log_severity_level = _FATAL_ONLY
     options.intra_op_num_threads = usable_cores()  # its own choice is all cores of the machine
@@ -148,7 +141,7 @@ def _session(path: Path) -> onnxruntime.InferenceSession:
         return onnxruntime.InferenceSession(str(path), options, providers)
     except Exception as error:  # onnxruntime's own kinds derive from nothing more special
         raise MethodError(
-            f"{readable(path)} is no ONNX network that runs here: {_first_line(error)}; export it again"
+            f"{readable(path)} is no ONNX network that runs here: {first_line(error)}; export it again"
         ) from error
 
 
@@ -175,12 +168,10 @@ def _checked_input(path: Path, session: onnxruntime.InferenceSession, toml: Onnx
         raise MethodError(f"{readable(path)} takes {only.type}; export it for one of {', '.join(_INPUT_TYPES)}")
     takes_pixels = only.type == "tensor(uint8)"
     if takes_pixels != (toml.mean is None):
-        need = (
-            "the pixels themselves; leave out mean and scale"
-            if takes_pixels
-            else "prepared numbers; state mean and scale"
+        pixels, numbers = "the pixels themselves; leave out mean and scale", "prepared numbers; state mean and scale"
+        raise ConfigError(
+            f"{readable(path)} takes {only.type}, so it wants {pixels if takes_pixels else numbers} in {toml_path}"
         )
-        raise ConfigError(f"{readable(path)} takes {only.type}, so it wants {need} in {toml_path}")
     return only
 
 
@@ -201,19 +192,12 @@ def _output_name(path: Path, session: onnxruntime.InferenceSession, toml: OnnxTo
 
 def _weights_hash(path: Path) -> str:
     """SHA-256 of the file, and of those that it keeps large tensors in."""
-    try:
-        import onnx
-    except ImportError as error:
-        raise MissingExtraError("the method onnx", "onnx") from error
+    import onnx
+    from onnx.external_data_helper import ExternalDataInfo, uses_external_data
+
     try:
         model = onnx.load(str(path), load_external_data=False)
-        names = {
-            entry.value
-            for tensor in model.graph.initializer
-            if tensor.data_location == onnx.TensorProto.EXTERNAL
-            for entry in tensor.external_data
-            if entry.key == "location"
-        }
+        names = {ExternalDataInfo(one).location for one in model.graph.initializer if uses_external_data(one)}
         hashes = [sha256_of(one) for one in (path, *(path.parent / name for name in sorted(names)))]
     except OSError as error:
         raise MethodError(
@@ -221,10 +205,5 @@ def _weights_hash(path: Path) -> str:
             "copy the network with all its files"
         ) from error
     except Exception as error:  # protobuf's own kind, which lies in another module for each of its versions
-        raise MethodError(f"{readable(path)} is no ONNX file: {_first_line(error)}; export it again") from error
+        raise MethodError(f"{readable(path)} is no ONNX file: {first_line(error)}; export it again") from error
     return hashes[0] if len(hashes) == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
-
-
-def _first_line(error: Exception) -> str:
-    lines = str(error).strip().splitlines()
-    return lines[0] if lines else type(error).__name__

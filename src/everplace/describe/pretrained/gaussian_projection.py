@@ -40,8 +40,7 @@ class GaussianProjection(nn.Module):
             numbers.standard_normal(dtype=np.float32, out=matrix[start : start + _ROWS])
 
         with ThreadPoolExecutor(usable_cores(), "everplace-projection") as pool:
-            for _ in pool.map(fill, range(0, outputs, _ROWS)):
-                pass
+            list(pool.map(fill, range(0, outputs, _ROWS)))  # so that what a thread raises is raised
         self.register_buffer("matrix", torch.from_numpy(matrix), persistent=False)
         self._scale = outputs**-0.5
 

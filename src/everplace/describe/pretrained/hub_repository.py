@@ -20,15 +20,17 @@ from pathlib import Path
 import torch
 from torch import nn
 
+from everplace.describe.files.descriptors import Settings
+from everplace.describe.pretrained.trial import first_line
 from everplace.errors import MethodError
 from everplace.files import readable
 
-__all__ = ["TRUST_VARIABLE", "HubRepository", "LoadedNetwork", "load_network", "parse_repository"]
+__all__ = ["TRUST_VARIABLE", "HubRepository", "load_network", "parse_repository"]
 
 TRUST_VARIABLE = "EVERPLACE_TRUST_HUB"
 """Environment variable with the repositories whose code may run: OWNER/REPO, several separated by commas."""
 
-_GITHUB = re.compile(r"(?P<owner>[\w.-]+)/(?P<name>[\w.-]+)(:(?P<ref>[\w./-]+))?")
+_GITHUB = re.compile(r"[\w.-]+/[\w.-]+(:[\w./-]+)?")
 _DEFAULT_REFS = ("main", "master")  # torch.hub's order
 
 
@@ -43,21 +45,6 @@ class HubRepository:
 
     label: str
     directory: Path | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class LoadedNetwork:
-    """A network and what tells it from others.
-
-    Attributes:
-        network: The network.
-        code: SHA-256 of the repository's source files that were used, in hex.
-        weights: SHA-256 of all parameters and buffers, in hex.
-    """
-
-    network: nn.Module
-    code: str
-    weights: str
 
 
 def parse_repository(text: str) -> HubRepository:
@@ -78,7 +65,7 @@ def parse_repository(text: str) -> HubRepository:
     return HubRepository(text)
 
 
-def load_network(repository: HubRepository, entry: str, arguments: Mapping[str, object]) -> LoadedNetwork:
+def load_network(repository: HubRepository, entry: str, arguments: Mapping[str, object]) -> tuple[nn.Module, Settings]:
     """Calls an entry of a repository's hubconf.py. This runs the repository's code.
 
     What it prints goes to stderr, and its modules are forgotten afterwards, so that two repositories may have modules
@@ -88,6 +75,10 @@ def load_network(repository: HubRepository, entry: str, arguments: Mapping[str, 
         repository: The repository; one on GitHub is downloaded into torch.hub's cache at its first use.
         entry: The function in hubconf.py that returns the network.
         arguments: Its keyword arguments.
+
+    Returns:
+        The network, and what tells it from others: `code` and `weights`, the first 16 hex digits of the SHA-256 of the
+        source files that were used and of all parameters and buffers.
 
     Raises:
         MethodError: The repository is not trusted, cannot be loaded, or returns no network.
@@ -108,21 +99,18 @@ def load_network(repository: HubRepository, entry: str, arguments: Mapping[str, 
     if not isinstance(network, nn.Module):
         what = type(network).__name__
         raise MethodError(f"{where} is no network: it returned a {what}; name an entry that returns a torch module")
-    return LoadedNetwork(network, code, _weights_hash(network))
+    return network, {"code": code[:16], "weights": _weights_hash(network)[:16]}
 
 
 def _load(repository: HubRepository, entry: str, arguments: Mapping[str, object]) -> object:
-    if repository.directory is not None:
-        return torch.hub.load(  # type: ignore[no-untyped-call]
-            str(repository.directory), entry, source="local", **arguments
-        )
-    # A cached repository is named with its branch: torch.hub would ask GitHub for it every time.
-    cached = _cached(repository.label)
-    name = repository.label
-    if ":" not in name and cached is not None:
-        name = f"{name}:{cached.name.rpartition('_')[2]}"
+    name, source = str(repository.directory), "local"
+    if repository.directory is None:
+        name, source = repository.label, "github"
+        # A cached repository is named with its branch: torch.hub would ask GitHub for it every time.
+        if ":" not in name and (cached := _cached(name)) is not None:
+            name = f"{name}:{cached.name.rpartition('_')[2]}"
     return torch.hub.load(  # type: ignore[no-untyped-call]
-        name, entry, source="github", trust_repo=True, verbose=False, **arguments
+        name, entry, source=source, trust_repo=True, verbose=False, **arguments
     )
 
 
@@ -172,16 +160,13 @@ def _own_modules(repository: HubRepository, before: set[str]) -> list[str]:
     roots = [Path(torch.hub.get_dir()).resolve(), *([repository.directory] if repository.directory else [])]
     own = []
     for name in sorted(set(sys.modules) - before):
-        file = getattr(sys.modules[name], "__file__", None) or next(iter(_search_path(name)), None)
+        module = sys.modules[name]
+        # A package without __init__.py has a list of directories alone.
+        file = getattr(module, "__file__", None) or next(iter(getattr(module, "__path__", [])), None)
         # An environment of installed packages may lie inside a repository; these stay.
         if file and "site-packages" not in Path(file).parts and any(map(Path(file).resolve().is_relative_to, roots)):
             own.append(name)
     return own
-
-
-def _search_path(name: str) -> list[str]:
-    """Where a package without __init__.py looks for its modules."""
-    return list(getattr(sys.modules[name], "__path__", []))
 
 
 def _code_hash(repository: HubRepository, before: set[str]) -> str:
@@ -218,8 +203,8 @@ def _reason(error: BaseException, repository: HubRepository) -> str:
     missing = error.name if isinstance(error, ModuleNotFoundError) else found[1] if found else None
     if missing is not None:
         return f"it needs {missing}, not installed here; pip install {missing.replace(',', '')}"
-    lines = str(error).strip().splitlines()
-    what = f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
+    kind, line = type(error).__name__, first_line(error)
+    what = line if line == kind else f"{kind}: {line}"
     if repository.directory is None and _cached(repository.label) is None:
         return f"{what}; check the network, or clone the repository and give its directory"
     return f"{what}; see its hubconf.py for the entries and their arguments"

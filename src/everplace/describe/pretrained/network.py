@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Settings
 from everplace.describe.pretrained.network_input import IMAGENET, Normalisation, network_input
+from everplace.describe.pretrained.trial import measured_dimension
 from everplace.errors import MethodError
 from everplace.images.decoding import ImageSpec
 from everplace.model.inference import default_device, inference
@@ -43,7 +44,7 @@ class NetworkDescriber(Describer):
         }
         self._device = default_device()
         self._network = network.to(self._device).eval().requires_grad_(False)
-        self.dimension = self._measured_dimension(*size)
+        self.dimension = measured_dimension(self, method, "try another size")
 
     def settings(self) -> Settings:
         """Returns image size, normalisation, and what the method itself states, its weights' hash among it."""
@@ -71,15 +72,3 @@ class NetworkDescriber(Describer):
             )
         values: NDArray[np.float32] = output.float().cpu().numpy()
         return values
-
-    def _measured_dimension(self, height: int, width: int) -> int:
-        """D, learnt from one grey image, which also shows whether the network takes this size at all."""
-        try:
-            return int(self.describe_batch(np.full((1, height, width, 3), 128, np.uint8)).shape[1])
-        except torch.OutOfMemoryError:
-            raise
-        except (RuntimeError, ValueError, AssertionError, TypeError, LookupError, AttributeError) as error:
-            reason = str(error).strip().splitlines() or [type(error).__name__]
-            raise MethodError(
-                f"{self.method} fails on an image of {height}×{width}: {reason[0]}; try another size"
-            ) from error

@@ -38,10 +38,8 @@ def read_provenance(network: Path, metadata: Mapping[str, str]) -> dict[str, Any
     Raises:
         MethodError: The entry is not what `write_provenance` writes.
     """
-    if _KEY not in metadata:
-        return {}
     try:
-        about = json.loads(metadata[_KEY])
+        about = json.loads(metadata.get(_KEY, "{}"))
     except (ValueError, RecursionError):
         about = None
     if not isinstance(about, dict):

@@ -57,10 +57,7 @@ class FabMapDescriber(Describer):
 
     def describe_batch(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Describes a batch, B×H×W×1 uint8, as B×(2W + 1) float32."""
-        words = np.zeros((len(images), self.model.config.words), np.bool_)
-        for row, image in zip(words, images, strict=True):
-            row[:] = self.model.words(image[..., 0])
-        return self.model.embed(words)
+        return self.model.embed(np.stack([self.model.words(image[..., 0]) for image in images]))
 
 
 def open_method(argument: str) -> FabMapDescriber:
