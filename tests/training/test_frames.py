@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -162,3 +163,23 @@ def test_the_fingerprint_tells_pixels_stems_labels_and_division_apart() -> None:
         SplitRoute(("a", "b"), (block, block), (), True),
     ]
     assert len({first, *map(fingerprint, others)}) == 1 + len(others)
+
+
+def test_a_cuda_device_gets_the_same_batches_page_locked(monkeypatch: pytest.MonkeyPatch) -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, (9, 16, 16, 3), dtype=np.uint8)
+    split = SplitRoute(("a",), (FrameBlock(pixels, 0),), (), aligned=True)
+    frames = TrainingFrames(split, Augmentation(shift=0.2, contrast=0.3), 2, seed=1)
+    pinned: list[int] = []
+
+    def pin_memory(tensor: torch.Tensor) -> torch.Tensor:
+        pinned.append(id(tensor))
+        return tensor.clone()
+
+    monkeypatch.setattr(torch.Tensor, "pin_memory", pin_memory)
+    monkeypatch.setattr(torch.Tensor, "to", lambda tensor, *_, **__: tensor)
+    made = list(frames.batches(2, 0, 1, torch.device("cuda")))
+    expected = list(frames.batches(2, 0, 1, torch.device("cpu")))
+    assert len(made) == len(expected) == len(frames) == 4
+    for one, other in zip(made, expected, strict=True):
+        assert all(torch.equal(a, b) for a, b in zip(one, other, strict=True))
+    assert len(pinned) == 3 * 4

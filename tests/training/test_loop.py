@@ -1,11 +1,10 @@
-"""The loop against a plain one written out here, and what it does with a CUDA device and with numbers gone wrong."""
+"""The loop against a plain one written out here; batches made ahead, and numbers gone wrong."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,11 +19,11 @@ from everplace.model.model_config import MODEL_KINDS, ModelConfig
 from everplace.model.pixels import to_input
 from everplace.model.place_head import PlaceHead
 from everplace.route.route import Route
-from everplace.training import devices, loop
+from everplace.training import devices
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
 from everplace.training.frames import Batch, TrainingFrames, split_route
-from everplace.training.loop import GRADIENT_NORM, batches
+from everplace.training.loop import GRADIENT_NORM
 from everplace.training.metrics_table import read_metrics
 from everplace.training.run_keeper import RunKeeper
 from everplace.training.step import bound_terms, step_noise
@@ -97,32 +96,6 @@ def test_a_run_gives_the_weights_of_a_plain_loop(
     np.testing.assert_allclose(read_metrics(tmp_path / "run")["bound"], bounds, rtol=1e-5)
 
 
-def on_cuda() -> Any:
-    """What `batches` asks of Fabric, on a CUDA device that copies nothing."""
-    return SimpleNamespace(device=SimpleNamespace(type="cuda"), global_rank=0, world_size=1)
-
-
-def test_a_cuda_device_gets_the_same_batches_page_locked(
-    route: Route, make_config: MakeConfig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    config = make_config(batch_size=4, augmentation={"shift": 0.1, "brightness": 0.2})
-    frames = TrainingFrames(split_route(route, config), config.augmentation, 4, seed=1)
-    pinned: list[int] = []
-
-    def pin_memory(tensor: torch.Tensor) -> torch.Tensor:
-        pinned.append(id(tensor))
-        return tensor.clone()
-
-    monkeypatch.setattr(torch.Tensor, "pin_memory", pin_memory)
-    monkeypatch.setattr(torch.Tensor, "to", lambda tensor, *_, **__: tensor)
-    made = list(batches(on_cuda(), frames, 2))
-    expected = [frames.batch(2, positions) for positions in frames.order(2)]
-    assert len(made) == len(expected) == 4
-    for one, other in zip(made, expected, strict=True):
-        assert all(torch.equal(a, b) for a, b in zip(one, other, strict=True))
-    assert len(pinned) == 3 * 4
-
-
 def test_a_run_is_the_same_whether_its_batches_are_made_ahead_or_not(
     route: Route, make_config: MakeConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,11 +103,11 @@ def test_a_run_is_the_same_whether_its_batches_are_made_ahead_or_not(
     train(route, config, tmp_path / "one")
     made: list[int] = []
 
-    def ahead(fabric: Any, frames: TrainingFrames, epoch: int) -> Iterator[Batch]:
+    def ahead(frames: TrainingFrames, epoch: int, rank: int, world: int, device: torch.device) -> Iterator[Batch]:
         made.append(epoch)
-        return map_ahead(lambda positions: frames.batch(epoch, positions), frames.order(epoch), threads=3)
+        return map_ahead(lambda positions: frames.batch(epoch, positions), frames.order(epoch, rank, world), threads=3)
 
-    monkeypatch.setattr(loop, "batches", ahead)
+    monkeypatch.setattr(TrainingFrames, "batches", ahead)
     train(route, config, tmp_path / "other")
     assert made == [0, 1, 2]
     one, other = (load_checkpoint(tmp_path / name).model.state_dict() for name in ("one", "other"))

@@ -15,11 +15,12 @@ from typing import Any
 import torch
 from lightning_fabric import Fabric
 from lightning_fabric.plugins.environments.lightning import LightningEnvironment
+from torch import Tensor
 
 from everplace.errors import ConfigError
 from everplace.model.inference import default_device
 
-__all__ = ["bf16_is_fast", "launch", "own_device", "require_devices", "torch_settings_kept"]
+__all__ = ["bf16_is_fast", "launch", "of_all_devices", "own_device", "require_devices", "torch_settings_kept"]
 
 _WORKSPACE = "CUBLAS_WORKSPACE_CONFIG"
 
@@ -115,6 +116,14 @@ def launch(devices: int, nodes: int, *, show: bool = False) -> Fabric:
                 )
             fabric.launch()
     return fabric
+
+
+def of_all_devices(fabric: Fabric, *parts: Tensor) -> tuple[Tensor, ...]:
+    """The rows of all devices, the same on each: (B, ...) each to (world × B, ...)."""
+    if fabric.world_size == 1:
+        return parts
+    gathered: Any = fabric.all_gather(parts)
+    return tuple(part.flatten(0, 1) for part in gathered)
 
 
 def _alone() -> LightningEnvironment:

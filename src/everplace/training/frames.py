@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ from torch import Tensor
 
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
-from everplace.images.decoding import ImageSpec
+from everplace.images.decoding import ImageSpec, map_ahead
 from everplace.progress import Progress, quiet
 from everplace.route.pack import pack
 from everplace.route.route import Route
@@ -48,6 +48,10 @@ class Batch(NamedTuple):
     images: Tensor
     conditions: Tensor
     places: Tensor
+
+    def map(self, function: Callable[[Tensor], Tensor]) -> Batch:
+        """The same batch with every tensor changed."""
+        return Batch(*map(function, self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,6 +181,20 @@ class TrainingFrames:
         order = np.random.default_rng((self._seed, epoch)).permutation(self.frames)
         for start in range(0, len(self) * self.batch_size, self.batch_size):
             yield order[start : start + self.batch_size][rank::world]
+
+    def batches(self, epoch: int, rank: int, world: int, device: torch.device) -> Iterator[Batch]:
+        """Yields the part of device `rank` of `world` of the batches of an epoch, on the device.
+
+        On the CPU the network uses all cores itself. A CUDA device leaves the processor free: threads augment batches
+        ahead, in memory that the device reads from without waiting. (OpenCV lets go of the interpreter's lock; worker
+        processes would be forked from a process that holds threads, which may hang, or import torch anew.)
+        """
+        order = self.order(epoch, rank, world)
+        if device.type != "cuda":
+            yield from (self.batch(epoch, positions) for positions in order)
+            return
+        for batch in map_ahead(lambda positions: self.batch(epoch, positions).map(Tensor.pin_memory), order):
+            yield batch.map(lambda part: part.to(device, non_blocking=True))
 
     def batch(self, epoch: int, positions: NDArray[np.int64]) -> Batch:
         """Returns the frames at some positions, augmented as (seed, epoch, position) says."""
