@@ -6,6 +6,7 @@ And what it gains by keeping the memory that a step frees.
 from __future__ import annotations
 
 import contextlib
+import math
 import multiprocessing
 import os
 import time
@@ -14,12 +15,11 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-import lightning
 import numpy as np
 import torch
 
 from benchmarks.ratio import Ratio
-from everplace.model.bounds import Weights, optimal_log_sigma
+from everplace.model.bounds import optimal_log_sigma
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.inference import default_device
 from everplace.model.model_config import ModelConfig
@@ -28,12 +28,15 @@ from everplace.render.render_config import render_config
 from everplace.render.rendered_route import render_route
 from everplace.route.route import open_route
 from everplace.training.config import TrainConfig
-from everplace.training.frames import Batch, EpochOrder, TrainingFrames, split_route
+from everplace.training.devices import bf16_is_fast, launch, torch_settings_kept
+from everplace.training.display import Display
+from everplace.training.frames import Batch, SplitRoute, TrainingFrames, split_route
 from everplace.training.freed_memory import freed_memory_kept
-from everplace.training.module import BoundModule
-from everplace.training.remedies import RemedyTerms
-from everplace.training.terms import bound_terms
-from everplace.training.trainer import GRADIENT_NORM, bf16_is_fast, make_loader, torch_settings_kept
+from everplace.training.loop import GRADIENT_NORM, run_epochs
+from everplace.training.resume_state import RunProgress
+from everplace.training.run_keeper import RunKeeper
+from everplace.training.schedule import make_optimizer
+from everplace.training.step import bound_terms
 
 Loop: TypeAlias = Literal["everplace", "giving back", "bare"]
 
@@ -71,67 +74,59 @@ def _steps(loop: Loop, route: Path) -> list[float]:
     """Seconds of each step."""
     config = TrainConfig.build(model="cp-vae", image_size=SIZE, batch_size=BATCH, epochs=1000)
     split = split_route(open_route(route), config)
-    frames = TrainingFrames(split, config.augmentation, config.seed)
-    order = EpochOrder(len(frames), BATCH, config.seed)
+    frames = TrainingFrames(split, config.augmentation, BATCH, config.seed)
     model = ConditionVAE(ModelConfig(kind="cp-vae", conditions=split.conditions, places=split.places))
     kept = loop != "giving back" and DEVICE.type == "cpu"
     with freed_memory_kept() if kept else contextlib.nullcontext():
         if loop == "bare":
-            stored = [frames[key] for key in order]
+            stored = [frames.batch(0, positions) for positions in frames.order(0)]
             ready = [Batch(*(part.to(DEVICE) for part in batch)) for batch in stored]
             return _bare_steps(model.to(DEVICE), config, [(to_input(batch.images), batch) for batch in ready])
-        module = BoundModule(model, RemedyTerms(model.config, config.remedies), config, len(order))
-        return _lightning_steps(module, frames, order)
+        return _loop_steps(model, config, split, frames, route.parent)
 
 
-class _Clock(lightning.Callback):
+class _EnoughError(Exception):
+    """So many steps were timed."""
+
+
+class _Clock(Display):
     """Notes the time between the ends of steps."""
 
     def __init__(self) -> None:
         self.steps: list[float] = []
         self._last = 0.0
 
-    def on_train_batch_end(
-        self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, *rest: object
-    ) -> None:
+    def advance(self) -> None:
         now = time.perf_counter()
         if self._last:
             self.steps.append(now - self._last)
         self._last = now
+        if len(self.steps) + 1 == STEPS[DEVICE.type]:
+            raise _EnoughError
 
 
-def _lightning_steps(module: BoundModule, frames: TrainingFrames, order: EpochOrder) -> list[float]:
+def _loop_steps(
+    model: ConditionVAE, config: TrainConfig, split: SplitRoute, frames: TrainingFrames, scratch: Path
+) -> list[float]:
     clock = _Clock()
-    trainer = lightning.Trainer(
-        accelerator="gpu" if DEVICE.type == "cuda" else "cpu",
-        devices=1,
-        max_steps=STEPS[DEVICE.type],
-        precision="bf16-mixed" if bf16_is_fast(DEVICE.type) else "32-true",
-        deterministic="warn" if DEVICE.type == "cuda" else False,
-        gradient_clip_val=GRADIENT_NORM,
-        callbacks=[clock],
-        logger=False,
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        use_distributed_sampler=False,
-    )
-    with torch_settings_kept():
-        trainer.fit(module, make_loader(frames, order))
+    keeper = RunKeeper(scratch, config, split, "", RunProgress(), save_every=math.inf)
+    with torch_settings_kept() if DEVICE.type == "cuda" else contextlib.nullcontext():
+        fabric = launch(1, 1)
+        optimizer = make_optimizer(model.to(fabric.device), config)
+        with contextlib.suppress(_EnoughError):
+            run_epochs(fabric, model, optimizer, frames, lambda _: {}, config, keeper, clock)
     return clock.steps[2:]
 
 
 def _bare_steps(model: ConditionVAE, config: TrainConfig, stored: list[tuple[torch.Tensor, Batch]]) -> list[float]:
     optimizer = torch.optim.AdamW(model.parameters(), lr=1e-3, fused=True)
-    weights = Weights(**config.weights.model_dump())
     times = []
     for index, (images, batch) in enumerate(_repeat(stored)):
         start = time.perf_counter()
         with torch.autocast(DEVICE.type, enabled=bf16_is_fast(DEVICE.type), dtype=torch.bfloat16):
             output = model(images, torch.randn(len(images), 128, device=DEVICE))
-        labels = (batch.conditions, batch.places)
         log_sigma = optimal_log_sigma(images, output.reconstruction)
-        terms = bound_terms(model, images, output, log_sigma, labels, weights)
+        terms = bound_terms(model, images, output, log_sigma, batch.conditions, batch.places, config.weights)
         loss = -terms["bound"].mean() / images[0].numel()
         optimizer.zero_grad()
         torch.autograd.backward(loss)

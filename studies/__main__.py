@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import statistics
 import sys
 from pathlib import Path
@@ -92,7 +93,8 @@ def _require_same(entry: Path, config: TrainConfig | None) -> None:
     made_with = json.loads(entry.read_text("utf-8")).get("config")
     if made_with is None or config is None:
         return
-    before = TrainConfig.model_validate(made_with)  # an option that did not exist then stands as it does by default
+    # An option that did not exist then stands as it does by default; remedies that are gone were off in these rows.
+    before = TrainConfig.model_validate({name: value for name, value in made_with.items() if name != "remedies"})
     changed = sorted(name for name in TrainConfig.model_fields if getattr(before, name) != getattr(config, name))
     if changed:
         sys.exit(f"{entry} was made with another {', '.join(changed)}; remove it, or name another --out")
@@ -144,7 +146,7 @@ def _table(protocol: Protocol, ledger: dict[str, Any]) -> str:
     for index, (query, database) in enumerate(protocol.pairs):
         lines += [f"**Query {query}, database {database}**", ""]
         lines += ["| method | numbers | " + " | ".join(SCORES) + " | training |", "|---" * (len(SCORES) + 3) + "|"]
-        for name in (*protocol.variants, *protocol.baselines):
+        for name in _names(protocol, ledger):
             entries = _entries(ledger, name)
             if entries:
                 lines.append(_line(name, entries, index))
@@ -153,9 +155,16 @@ def _table(protocol: Protocol, ledger: dict[str, Any]) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
+def _names(protocol: Protocol, ledger: dict[str, Any]) -> list[str]:
+    """The rows of a table: those that can be made, those of the ledger that cannot be made any more, baselines."""
+    found = dict.fromkeys(re.sub(r", seed \d+$", "", key) for key in ledger)
+    made = (*protocol.variants, *protocol.baselines)
+    return [*protocol.variants, *(name for name in found if name not in made), *protocol.baselines]
+
+
 def _entries(ledger: dict[str, Any], name: str) -> list[dict[str, Any]]:
     """The entries of a method, one a seed."""
-    return [entry for key, entry in ledger.items() if key == name or key.startswith(f"{name}, seed ")]
+    return [entry for key, entry in ledger.items() if re.fullmatch(re.escape(name) + r"(, seed \d+)?", key)]
 
 
 def _line(name: str, entries: list[dict[str, Any]], pair: int) -> str:
@@ -183,8 +192,8 @@ def _audit_lines(protocol: Protocol, ledger: dict[str, Any]) -> list[str]:
         "mean image | active z_p / z_c |",
         "|---" * 10 + "|",
     ]
-    for name in protocol.variants:
-        audits = [entry["pairs"][0]["audit"] for entry in _entries(ledger, name)]
+    for name in _names(protocol, ledger):
+        audits = [entry["pairs"][0]["audit"] for entry in _entries(ledger, name) if "audit" in entry["pairs"][0]]
         if not audits:
             continue
         cells = [

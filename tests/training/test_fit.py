@@ -18,18 +18,17 @@ from PIL import Image
 
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, DivergedError, EverplaceError, RouteError
-from everplace.model.bounds import Weights
 from everplace.model.checkpoint import load_checkpoint
 from everplace.model.pixels import to_input
 from everplace.route.route import Route, open_route
-from everplace.training import fit, trainer
-from everplace.training.callbacks import CollapseWarning, RunKeeper
+from everplace.training import devices, fit
 from everplace.training.config import TrainConfig
 from everplace.training.fit import TrainSummary, train
 from everplace.training.frames import fingerprint, split_route
-from everplace.training.metrics_table import read_metrics
-from everplace.training.module import BoundModule
+from everplace.training.metrics_table import MetricsTable, read_metrics
 from everplace.training.resume_state import RunProgress, load_state, save_state
+from everplace.training.run_keeper import CollapseWarning, RunKeeper
+from everplace.training.step import BoundStep
 from everplace.training.validation import validate
 
 MakeConfig = Callable[..., TrainConfig]
@@ -86,9 +85,7 @@ def test_a_run_leaves_checkpoint_configuration_and_metrics(
     # The sigma that training reached went along, and the measurement can be repeated with it.
     row = summary.best_epoch - 1
     assert checkpoint.model.log_sigma.exp().item() == pytest.approx(metrics["sigma"][row], rel=1e-5)
-    measured = validate(
-        checkpoint.model, split_route(route, config), config.tolerance, Weights(**config.weights.model_dump())
-    )
+    measured = validate(checkpoint.model, split_route(route, config), config.tolerance, config.weights)
     assert measured["held_out_bound"] == pytest.approx(metrics["held_out_bound"][row], rel=1e-4)
     assert not [path.name for path in out.rglob("*") if ".part" in path.name]
 
@@ -141,49 +138,16 @@ def test_the_same_seed_gives_the_same_weights_and_leaves_random_numbers_alone(
     assert all(torch.equal(first[name], again[name]) for name in first)
 
 
-CONTRASTIVE: dict[str, Any] = {
-    "fully_connected": False,
-    "weights": {"place": 0.0},
-    "remedies": {"contrastive": 5000.0, "virtual": {"crop": 0.3, "mirror": 0.5, "join": 0.5}},
-}
-
-
-ADDED: dict[str, tuple[dict[str, Any], str, tuple[str, ...]]] = {
-    "adversary": ({"adversary": 100.0}, "adversary on z_p (weight 100)", ("adversary",)),
-    "swap": ({"swap": 1.0}, "swap reconstruction (weight 1, z_c of the same place)", ("swap",)),
-    "swap of others": (
-        {"swap": 1.0, "swap_z_c": "other_place"},
-        "swap reconstruction (weight 1, z_c of another place)",
-        ("swap",),
-    ),
-    "conditional prior": ({"conditional_prior": True}, "conditional prior p(z_c|c)", ("kl_conditional",)),
-    "free bits": ({"free_bits": 2.0}, "free bits (2 nats a dimension)", ("free_place", "free_condition")),
-}
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("values", "remedy", "terms"),
-    [
-        ({"recipe": "best"}, "oriented gradients", ("place",)),
-        (CONTRASTIVE, "contrastive term", ("contrastive",)),
-        *(({"remedies": remedies}, name, terms) for remedies, name, terms in ADDED.values()),
-    ],
-    ids=["best", "contrastive", *ADDED],
-)
-def test_remedies_are_trained_named_and_resumed_to_the_same_weights(
-    values: dict[str, Any], remedy: str, terms: tuple[str, ...], route: Route, make_config: MakeConfig, tmp_path: Path
+def test_the_best_recipe_is_trained_named_and_resumed_to_the_same_weights(
+    route: Route, make_config: MakeConfig, tmp_path: Path
 ) -> None:
-    config = make_config(epochs=2, **values)
+    config = make_config(epochs=2, recipe="best")
     summary = train(route, config, tmp_path / "whole", save_every=0)
     metrics = read_metrics(tmp_path / "whole")
-    own = {"contrastive", *(term for _, _, some in ADDED.values() for term in some)}
-    for term in own | {"place"}:
-        used = term in terms or (term == "place" and "contrastive" not in terms)
-        assert np.isfinite(metrics[term]).all() if used else np.isnan(metrics[term]).all(), term
+    assert np.isfinite(metrics["place"]).all()
     checkpoint = load_checkpoint(tmp_path / "whole")
-    assert remedy in str(checkpoint.about["remedies"])
-    assert (checkpoint.model.place_head is None) is ("contrastive" in terms)
+    assert "oriented gradients" in str(checkpoint.about["remedies"])
     assert not list(checkpoint.model.encoder.fully_connected)
     assert summary.frames == 16
     stopped = tmp_path / "stopped"
@@ -192,56 +156,60 @@ def test_remedies_are_trained_named_and_resumed_to_the_same_weights(
     again = load_checkpoint(stopped).model.state_dict()
     for name, value in checkpoint.model.state_dict().items():
         assert torch.equal(value, again[name]), name
-    assert (read_metrics(stopped)[terms[0]] == metrics[terms[0]]).all()
+    assert (read_metrics(stopped)["place"] == metrics["place"]).all()
 
 
 def train_and_stop_after_an_epoch(route: Route, config: TrainConfig, out: Path) -> None:
     class StopError(Exception):
         pass
 
-    keep = RunKeeper.on_train_epoch_end
+    keep = RunKeeper.keep
 
-    def end_early(self: RunKeeper, trainer: Any, module: Any) -> None:
-        keep(self, trainer, module)
+    def end_early(self: RunKeeper, *rest: Any, **options: Any) -> None:
+        keep(self, *rest, **options)
         raise StopError
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(RunKeeper, "on_train_epoch_end", end_early)
+        patch.setattr(RunKeeper, "keep", end_early)
         with pytest.raises(StopError):
             train(route, config, out, save_every=0)
 
 
-@pytest.fixture(scope="module")
-def plain_weights(
-    route: Route, make_config: MakeConfig, tmp_path_factory: pytest.TempPathFactory
-) -> dict[str, torch.Tensor]:
-    """The weights of a run of one epoch without remedies."""
-    out = tmp_path_factory.mktemp("runs") / "plain"
-    train(route, make_config(epochs=1), out)
-    return load_checkpoint(out).model.state_dict()
+FORMER = """
+[remedies]
+contrastive = 0.0
+temperature = 0.1
+adversary = {adversary}
+swap = 0.0
+swap_z_c = "same_place"
+conditional_prior = false
+free_bits = 0.0
+
+[remedies.virtual]
+crop = 0.0
+mirror = 0.0
+join = 0.0
+"""
 
 
-@pytest.mark.parametrize("remedies", [values for values, _, _ in ADDED.values()], ids=list(ADDED))
-def test_what_a_remedy_trains_beside_the_model_is_kept_to_resume_from_and_not_in_the_checkpoint(
-    remedies: dict[str, Any],
-    plain_weights: dict[str, torch.Tensor],
-    route: Route,
-    make_config: MakeConfig,
-    tmp_path: Path,
+def test_a_run_of_version_0_1_is_resumed_unless_it_had_a_remedy_that_is_gone(
+    run: tuple[Path, TrainSummary, TrainConfig], route: Route, tmp_path: Path
 ) -> None:
-    config = make_config(epochs=2, remedies=remedies)
-    train_and_stop_after_an_epoch(route, config, tmp_path / "run")
-    state = load_state(tmp_path / "run")
-    assert state is not None
-    parts = {name.split(".")[0] for name in state.remedies}
-    assert parts == {"adversary", "conditional_prior"} & set(remedies)
-    found = load_checkpoint(tmp_path / "run").model.state_dict()
-    assert {name: value.shape for name, value in found.items()} == {
-        name: value.shape for name, value in plain_weights.items()
-    }
-    assert all(torch.isfinite(value).all() for value in found.values())
-    # It changes what is learned.
-    assert any(not torch.equal(found[name], value) for name, value in plain_weights.items())
+    out, summary, config = run
+    shutil.copytree(out, tmp_path / "run")
+    written = (out / "config.toml").read_text()
+    (tmp_path / "run" / "config.toml").write_text(written + FORMER.format(adversary=0.0))
+    found = train(route, config, tmp_path / "run", resume=True)
+    assert replace(found, run=str(out)) == summary
+    (tmp_path / "run" / "config.toml").write_text(written + FORMER.format(adversary=200.0))
+    with pytest.raises(ConfigError, match=r"run was trained with remedies\.adversary, .*; name another directory"):
+        train(route, config, tmp_path / "run", resume=True)
+    (tmp_path / "run" / "metrics.csv").write_text(
+        "epoch,seconds,bound,adversary,kl_place\n1,2.5,-3.0,-0.7,4.0\n2,3.5,-2.0,-0.7,5.0\n"
+    )
+    table = MetricsTable(tmp_path / "run", keep_epochs=1)
+    table.append({"epoch": 2.0, "bound": -1.0})
+    assert read_metrics(tmp_path / "run")["bound"].tolist() == [-3.0, -1.0]
 
 
 def test_nothing_is_printed_on_stdout(
@@ -290,17 +258,10 @@ def test_what_cannot_be_trained_is_one_clear_error_and_makes_no_directory(
         (route, make_config(conditions=("dusk",)), 1, RouteError, "'dusk'"),
         (route, make_config(frames="5:1"), 1, ConfigError, "5:1"),
         (route, make_config(batch_size=6), 4, ConfigError, "a batch of 6 frames is too small for 4 devices"),
-        (
-            route,
-            make_config(batch_size=2, remedies={"contrastive": 1.0}),
-            1,
-            ConfigError,
-            r"a batch of 1 pair of frames \(batch_size = 2\) is too small for 1 device with remedies.contrastive",
-        ),
     ]
-    for chosen, config, devices, error, message in refused:
+    for chosen, config, count, error, message in refused:
         with pytest.raises(error, match=message):
-            train(chosen, config, tmp_path / "run", devices=devices)
+            train(chosen, config, tmp_path / "run", devices=count)
         assert not (tmp_path / "run").exists(), message
 
 
@@ -388,15 +349,15 @@ def test_training_in_bfloat16_keeps_the_bound_in_float32(
     route: Route, make_config: MakeConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: set[torch.dtype] = set()
-    original = BoundModule._remember
+    original = BoundStep.forward
 
-    def remember(module: BoundModule, terms: dict[str, torch.Tensor], *rest: torch.Tensor) -> None:
-        seen.update(term.dtype for term in terms.values())
-        seen.update(parameter.dtype for parameter in module.parameters())
-        original(module, terms, *rest)  # type: ignore[arg-type]
+    def noted(step: BoundStep, *given: Any) -> Any:
+        loss, means, z_p = original(step, *given)
+        seen.update(value.dtype for value in (loss, z_p, *means.values(), *step.parameters()))
+        return loss, means, z_p
 
-    monkeypatch.setattr(trainer, "bf16_is_fast", lambda _: True)
-    monkeypatch.setattr(BoundModule, "_remember", remember)
+    monkeypatch.setattr(devices, "bf16_is_fast", lambda _: True)
+    monkeypatch.setattr(BoundStep, "forward", noted)
     train(route, make_config(epochs=1, batch_size=4), tmp_path / "run")
     assert seen == {torch.float32}
     assert np.isfinite(read_metrics(tmp_path / "run")["bound"]).all()

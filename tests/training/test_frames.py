@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from PIL import Image
 
-from everplace.errors import RouteError
+from everplace.errors import ConfigError, RouteError
 from everplace.route.route import Route, open_route
 from everplace.training.augment import Augmentation
 from everplace.training.config import TrainConfig
-from everplace.training.frames import EpochOrder, FrameBlock, SplitRoute, TrainingFrames, fingerprint, split_route
+from everplace.training.frames import FrameBlock, SplitRoute, TrainingFrames, fingerprint, split_route
 
 MakeConfig = Callable[..., TrainConfig]
 
@@ -37,9 +37,10 @@ def values(block: FrameBlock) -> list[int]:
     return [int(frame[0, 0, 0]) for frame in block.pixels]
 
 
-def order_of(order: EpochOrder, epoch: int) -> list[NDArray[np.int64]]:
-    order.set_epoch(epoch)
-    return [positions for _, positions in order]
+def some_frames(count: int, batch: int, seed: int) -> TrainingFrames:
+    """Frames of one pixel."""
+    block = FrameBlock(np.zeros((count, 1, 1, 1), np.uint8), 0)
+    return TrainingFrames(SplitRoute(("a",), (block,), (), aligned=True), NONE, batch, seed)
 
 
 def test_the_held_out_block_is_contiguous_at_the_end_behind_a_gap(tmp_path: Path, make_config: MakeConfig) -> None:
@@ -60,7 +61,7 @@ def test_traverses_without_shared_stems_have_no_places(tmp_path: Path, make_conf
     assert split.places == 0
     assert split.trained_stems == tuple(str(stem) for stem in (*range(8), *range(50, 68)))
     assert [len(block.pixels) for block in split.training] == [8, 18]
-    batch = TrainingFrames(split, NONE, seed=0)[(0, np.arange(26))]
+    batch = TrainingFrames(split, NONE, 8, seed=0).batch(0, np.arange(26))
     assert set(batch.places.tolist()) == {-1}
     assert batch.conditions.tolist() == [0] * 8 + [1] * 18
 
@@ -80,10 +81,10 @@ def test_too_few_frames_are_one_clear_error(tmp_path: Path, make_config: MakeCon
 
 def test_every_frame_has_its_condition_and_place(tmp_path: Path, make_config: MakeConfig) -> None:
     route = numbered_route(tmp_path, {"a": range(10), "b": range(10)})
-    frames = TrainingFrames(split_route(route, make_config(held_out_gap=1, grey=True)), NONE, seed=0)
-    assert len(frames) == 14
+    frames = TrainingFrames(split_route(route, make_config(held_out_gap=1, grey=True)), NONE, 5, seed=0)
+    assert (frames.frames, len(frames)) == (14, 2)
     positions = np.array([13, 0, 7, 6])
-    batch = frames[(4, positions)]
+    batch = frames.batch(4, positions)
     assert batch.images.shape == (4, 32, 32, 1)
     assert batch.images[:, 5, 5, 0].tolist() == [106, 0, 100, 6]
     assert batch.conditions.tolist() == [1, 0, 1, 0]
@@ -94,50 +95,52 @@ def test_augmentation_depends_on_seed_epoch_and_position_alone() -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (6, 32, 32, 3), dtype=np.uint8)
     split = SplitRoute(("a",), (FrameBlock(pixels, 0),), (), aligned=True)
     strong = Augmentation(shift=0.2, brightness=0.3)
-    frames = TrainingFrames(split, strong, seed=1)
-    together = frames[(2, np.array([0, 1, 2, 3]))].images
-    apart = frames[(2, np.array([3, 5, 1]))].images
+    frames = TrainingFrames(split, strong, 8, seed=1)
+    together = frames.batch(2, np.array([0, 1, 2, 3])).images
+    apart = frames.batch(2, np.array([3, 5, 1])).images
     assert together[3].equal(apart[0])
     assert together[1].equal(apart[2])
-    assert not together[3].equal(frames[(3, np.array([3]))].images[0])
-    assert not together[3].equal(TrainingFrames(split, strong, seed=2)[(2, np.array([3]))].images[0])
+    assert not together[3].equal(frames.batch(3, np.array([3])).images[0])
+    assert not together[3].equal(TrainingFrames(split, strong, 8, seed=2).batch(2, np.array([3])).images[0])
     assert np.array_equal(pixels, split.training[0].pixels)
 
 
 @given(st.integers(2, 60), st.integers(2, 40), st.integers(0, 2**32 - 1), st.integers(0, 50))
 @settings(max_examples=40, deadline=None)
-def test_an_epoch_is_full_batches_of_distinct_frames(frames: int, batch: int, seed: int, epoch: int) -> None:
-    order = EpochOrder(frames, batch, seed)
-    batches = order_of(order, epoch)
+def test_an_epoch_is_full_batches_of_distinct_frames(count: int, batch: int, seed: int, epoch: int) -> None:
+    frames = some_frames(count, batch, seed)
+    batches = list(frames.order(epoch))
     seen = np.concatenate(batches)
-    assert len(batches) == len(order) == frames // min(batch, frames)
-    assert {len(positions) for positions in batches} == {min(batch, frames)}
+    assert len(batches) == len(frames) == count // min(batch, count)
+    assert {len(positions) for positions in batches} == {min(batch, count)}
     assert len(np.unique(seen)) == len(seen)
-    assert set(seen) <= set(range(frames))
-    if frames % batch == 0:
-        assert sorted(seen) == list(range(frames))
+    assert set(seen) <= set(range(count))
+    if count % batch == 0:
+        assert sorted(seen) == list(range(count))
 
 
 def test_the_order_is_a_function_of_seed_and_epoch() -> None:
-    fresh, resumed = EpochOrder(30, 7, seed=4), EpochOrder(30, 7, seed=4, first_epoch=5)
-    # A resumed process counts its own epochs from 0.
-    for epoch in range(3):
-        assert np.array_equal(order_of(fresh, 5 + epoch), order_of(resumed, epoch))
-    assert [epoch for epoch, _ in resumed] == [7] * 4
-    assert not np.array_equal(order_of(fresh, 0), order_of(fresh, 1))
-    assert not np.array_equal(order_of(fresh, 0), order_of(EpochOrder(30, 7, seed=5), 0))
+    one, other = some_frames(30, 7, seed=4), some_frames(30, 7, seed=4)
+    # Whatever was drawn before.
+    assert np.array_equal(next(other.order(9)), next(one.order(9)))
+    for epoch in (5, 0):
+        assert np.array_equal(np.stack([*one.order(epoch)]), np.stack([*other.order(epoch)]))
+    assert not np.array_equal(np.stack([*one.order(0)]), np.stack([*one.order(1)]))
+    assert not np.array_equal(np.stack([*one.order(0)]), np.stack([*some_frames(30, 7, seed=5).order(0)]))
 
 
 @pytest.mark.parametrize("world", [2, 3])
 def test_devices_share_out_the_same_batches(world: int) -> None:
-    alone = order_of(EpochOrder(40, 8, seed=2), 1)
-    parts = []
-    for rank in range(world):
-        order = EpochOrder(40, 8, seed=2)
-        order.share(rank, world)
-        parts.append(order_of(order, 1))
-    for index, batch in enumerate(alone):
+    frames = some_frames(40, 8, seed=2)
+    parts = [list(frames.order(1, rank, world)) for rank in range(world)]
+    for index, batch in enumerate(frames.order(1)):
         assert sorted(np.concatenate([part[index] for part in parts])) == sorted(batch)
+
+
+def test_a_device_needs_two_frames() -> None:
+    some_frames(40, 8, seed=0).require_shares(4)
+    with pytest.raises(ConfigError, match="a batch of 8 frames is too small for 5 devices, which need two each"):
+        some_frames(40, 8, seed=0).require_shares(5)
 
 
 def test_the_fingerprint_tells_pixels_stems_labels_and_division_apart() -> None:
@@ -160,3 +163,23 @@ def test_the_fingerprint_tells_pixels_stems_labels_and_division_apart() -> None:
         SplitRoute(("a", "b"), (block, block), (), True),
     ]
     assert len({first, *map(fingerprint, others)}) == 1 + len(others)
+
+
+def test_a_cuda_device_gets_the_same_batches_page_locked(monkeypatch: pytest.MonkeyPatch) -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, (9, 16, 16, 3), dtype=np.uint8)
+    split = SplitRoute(("a",), (FrameBlock(pixels, 0),), (), aligned=True)
+    frames = TrainingFrames(split, Augmentation(shift=0.2, contrast=0.3), 2, seed=1)
+    pinned: list[int] = []
+
+    def pin_memory(tensor: torch.Tensor) -> torch.Tensor:
+        pinned.append(id(tensor))
+        return tensor.clone()
+
+    monkeypatch.setattr(torch.Tensor, "pin_memory", pin_memory)
+    monkeypatch.setattr(torch.Tensor, "to", lambda tensor, *_, **__: tensor)
+    made = list(frames.batches(2, 0, 1, torch.device("cuda")))
+    expected = list(frames.batches(2, 0, 1, torch.device("cpu")))
+    assert len(made) == len(expected) == len(frames) == 4
+    for one, other in zip(made, expected, strict=True):
+        assert all(torch.equal(a, b) for a, b in zip(one, other, strict=True))
+    assert len(pinned) == 3 * 4

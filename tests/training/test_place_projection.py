@@ -16,11 +16,10 @@ from everplace.model.condition_vae import ConditionVAE
 from everplace.model.model_config import ModelConfig
 from everplace.model.pixels import to_input
 from everplace.route.route import Route
-from everplace.training.config import TrainConfig
+from everplace.training.config import PlaceProjection, TrainConfig
 from everplace.training.fit import train
 from everplace.training.frames import FrameBlock, SplitRoute, split_route
 from everplace.training.place_projection import fit_place_projection
-from everplace.training.sections import PlaceProjection
 
 MakeConfig = Callable[..., TrainConfig]
 

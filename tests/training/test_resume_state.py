@@ -45,28 +45,6 @@ def test_round_trip_is_exact(tmp_path: Path) -> None:
         assert all(torch.equal(state.optimizer[index][key], value) for key, value in moments.items())
 
 
-def test_what_remedies_train_is_kept_beside_the_model(tmp_path: Path) -> None:
-    model, remedies = torch.nn.Linear(3, 2), torch.nn.Linear(2, 1)
-    optimizer = torch.optim.AdamW([*model.parameters(), *remedies.parameters()])
-    remedies(model(torch.ones(4, 3))).sum().backward()
-    optimizer.step()
-    save_state(tmp_path, RunProgress(epoch=1), model, optimizer, remedies=remedies)
-    state = load_state(tmp_path)
-    assert state is not None
-    require_fitting(state, model, remedies)
-    assert state.remedies.keys() == {"weight", "bias"}
-    assert all(torch.equal(state.remedies[key], value) for key, value in remedies.state_dict().items())
-    assert state.model.keys() == {"weight", "bias"}
-    # Neither is it left out nor taken for another's.
-    for others in (None, torch.nn.Linear(2, 2)):
-        with pytest.raises(CheckpointError, match="do not fit the model"):
-            require_fitting(state, model, others)
-    without = ResumeState(state.progress, state.model, {})
-    require_fitting(without, model)
-    with pytest.raises(CheckpointError, match="do not fit the model"):
-        require_fitting(without, model, remedies)
-
-
 def test_a_finished_run_keeps_no_tensors(tmp_path: Path) -> None:
     save_state(tmp_path, RunProgress(), *stepped())
     save_state(tmp_path, RunProgress(epoch=4, finished=True), None, None)

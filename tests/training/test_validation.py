@@ -16,7 +16,7 @@ from everplace.model.pixels import to_input
 from everplace.scoring.scores import evaluate
 from everplace.training.config import TrainConfig
 from everplace.training.frames import FrameBlock, SplitRoute
-from everplace.training.terms import bound_terms, step_noise
+from everplace.training.step import bound_terms, step_noise
 from everplace.training.validation import criterion_name, validate
 
 
@@ -67,8 +67,8 @@ def test_the_bound_is_that_of_the_held_out_frames_with_the_fixed_sigma(model: Co
     model.eval()
     with torch.no_grad():
         output = model(images, step_noise(0, 0, 9, 128))
-        labels = (torch.zeros(9, dtype=torch.long), None)
-        terms = bound_terms(model, images, output, model.log_sigma, labels, Weights(condition=4.0))
+        conditions = torch.zeros(9, dtype=torch.long)
+        terms = bound_terms(model, images, output, model.log_sigma, conditions, None, Weights(condition=4.0))
     model.train()
     assert measured == {"held_out_bound": pytest.approx(float(terms["bound"].mean()), rel=1e-6)}
 

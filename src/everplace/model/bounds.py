@@ -8,9 +8,10 @@ generative model; with other weights it is the weighted objective that is traine
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import Annotated
 
 import torch
+from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor
 from torch.nn import functional
 
@@ -32,23 +33,24 @@ LOG_SIGMA_FLOOR = -6.0
 """Where log sigma is softly clipped below (Rybkin et al. 2021): a perfect reconstruction has no infinite likelihood."""
 
 
-@dataclass(frozen=True, slots=True)
-class Weights:
-    """Weights of the terms of a bound.
+_Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
-    Attributes:
-        image: Weight of log p(x|z).
-        condition: Weight of log p(c|z_c).
-        place: Weight of log p(p|z_p).
-        beta_place: Weight of the KL divergence of z_p.
-        beta_condition: Weight of the KL divergence of z_c.
-    """
 
-    image: float = 1.0
-    condition: float = 1.0
-    place: float = 1.0
-    beta_place: float = 1.0
-    beta_condition: float = 1.0
+class Weights(BaseModel):
+    """Weights of the terms of a bound ("weighted Eq. 1, 3, 5"); all 1 is the bound as the paper writes it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    image: _Weight = 1.0
+    """Of log p(x|z), summed over pixels."""
+    condition: _Weight = 1.0
+    """Of log p(c|z_c)."""
+    place: _Weight = 1.0
+    """Of log p(p|z_p)."""
+    beta_place: _Weight = 1.0
+    """Of the KL divergence of z_p, after the warm-up."""
+    beta_condition: _Weight = 1.0
+    """Of the KL divergence of z_c, after the warm-up."""
 
 
 def vae_bound(image: Tensor, kl_place: Tensor, kl_condition: Tensor, weights: Weights) -> Tensor:

@@ -63,8 +63,11 @@ class ConditionVAE(nn.Module):
         self.condition_head = (
             nn.Linear(config.condition_dimensions, len(config.conditions)) if config.labelled else None
         )
-        head = {"classes": PlaceHead, "position": PositionHead}[config.place_term]
-        self.place_head = head(config.place_dimensions, config.places) if config.places else None
+        heads: dict[str, type[PlaceHead | PositionHead]] = {"classes": PlaceHead, "position": PositionHead}
+        head = heads[config.place_term]
+        self.place_head: PlaceHead | PositionHead | None = (
+            head(config.place_dimensions, config.places) if config.places else None
+        )
         # The sigma that training reached; fixed wherever a bound is evaluated.
         self.register_buffer("log_sigma", torch.zeros(()))
 

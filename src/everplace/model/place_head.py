@@ -77,3 +77,6 @@ class PositionHead(nn.Module):
         """(B, D) to logits (B, K)."""
         distance: Tensor = self.position(z_p) - self.positions
         return -0.5 * (distance * torch.exp(-self.log_deviation)).square()
+
+    def follow(self, z_p: Tensor, places: Tensor) -> None:
+        """Nothing moves: the positions are given."""

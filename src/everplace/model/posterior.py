@@ -7,7 +7,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-__all__ = ["ACTIVE_ABOVE", "LatentSplit", "Posterior"]
+__all__ = ["ACTIVE_ABOVE", "BLOCKS", "LatentSplit", "Posterior"]
+
+BLOCKS = {"place": "z_p", "condition": "z_c"}
+"""The blocks of the latent in their order, each with its symbol in the paper."""
 
 ACTIVE_ABOVE = 0.01
 """A latent dimension whose mean KL divergence is above this, in nats, is counted as active."""
@@ -26,6 +29,10 @@ class LatentSplit:
 
     place: int
     condition: int
+
+    def blocks(self, z: Tensor) -> dict[str, Tensor]:
+        """All blocks, (..., size), by their names in `BLOCKS`."""
+        return dict(zip(BLOCKS, torch.split(z, [self.place, self.condition], dim=-1), strict=True))
 
     def z_p(self, z: Tensor) -> Tensor:
         """The condition-invariant block, (..., place)."""

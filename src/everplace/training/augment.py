@@ -16,23 +16,20 @@ _UpTo1 = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 
 
 class Augmentation(BaseModel):
-    """How much an image may change; every amount is drawn evenly between none and the value given here.
+    """How much an image may change; every amount is drawn evenly between none and the value given here."""
 
-    Attributes:
-        shift: Largest move to either side, as a fraction of the image's height and width.
-        crop: Largest fraction of height and width cut away; what is left is enlarged to the whole.
-        brightness: Largest change of brightness up or down, as a fraction of the whole range.
-        contrast: Largest change of the distance from middle grey, as a fraction of that distance.
-        blur: Largest sigma of a Gaussian blur, in pixels.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     shift: _Below1 = 0.0
+    """Largest move to either side, as a fraction of the image's height and width."""
     crop: _Below1 = 0.0
+    """Largest fraction of height and width cut away; what is left is enlarged to the whole."""
     brightness: _UpTo1 = 0.0
+    """Largest change of brightness up or down, as a fraction of the whole range."""
     contrast: _UpTo1 = 0.0
+    """Largest change of the distance from middle grey, as a fraction of that distance."""
     blur: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = 0.0
+    """Largest sigma of a Gaussian blur, in pixels."""
 
 
 def augmentation_rng(seed: int, epoch: int, index: int) -> np.random.Generator:

@@ -1,4 +1,4 @@
-"""The whole configuration of a training run, as it stands in config.toml."""
+"""The whole configuration of a training run, as it stands in config.toml, and the recipes that give its defaults."""
 
 from __future__ import annotations
 
@@ -7,15 +7,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import tomli_w
-from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from everplace.errors import ConfigError, SettingError
 from everplace.files import readable, write_text
+from everplace.model.bounds import Weights
 from everplace.model.model_config import ModelKind, PlaceTerm
 from everplace.training.augment import Augmentation
-from everplace.training.recipes import recipe
-from everplace.training.sections import NonNegative, PlaceProjection, Positive, Remedies, Section, TermWeights
-from everplace.training.virtual_places import VirtualPlaces
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -26,6 +24,7 @@ __all__ = [
     "CONFIG_FILE",
     "DEFAULT_EPOCHS",
     "FitConfig",
+    "PlaceProjection",
     "TrainConfig",
     "read_toml",
     "write_config",
@@ -34,27 +33,46 @@ __all__ = [
 CONFIG_FILE = "config.toml"
 DEFAULT_EPOCHS = 40
 
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _Config = TypeVar("_Config", bound="FitConfig")
 
 
-class FitConfig(Section):
-    """What every method that is fitted is told: itself, what of the route it is fitted on, and its seed.
+class Section(BaseModel):
+    """A table whose values do not change and whose keys are known."""
 
-    Attributes:
-        model: The method's name.
-        conditions: Traverses or conditions to train on; empty: all of the route.
-        frames: `A:B`, as `--frames`; empty: all.
-        drop_dark: Leave out dark places.
-        drop_stationary: Leave out places that look like the one before.
-        seed: Of all that is random.
-    """
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+
+class PlaceProjection(Section):
+    """How the projection of oriented gradients to z_p is fitted and trained."""
+
+    ridge: Positive = 2.0
+    """Of the discriminant, in units of the mean variance within places."""
+    stretches: NonNegative = 20.0
+    """Weight of the differences between traverses averaged over whole stretches, beside those at single places, which
+    count once."""
+    light: NonNegative = 1.0
+    """Weight of what other light would change."""
+    rate: NonNegative = 0.1
+    """Learning rate of the projection, as a fraction of the others'; 0 leaves it as it was fitted."""
+
+
+class FitConfig(Section):
+    """What every method that is fitted is told: itself, what of the route it is fitted on, and its seed."""
 
     model: str
+    """The method's name."""
     conditions: tuple[str, ...] = ()
+    """Traverses or conditions to train on; empty: all of the route."""
     frames: str = ""
+    """`A:B`, as `--frames`; empty: all."""
     drop_dark: bool = False
+    """Leave out dark places."""
     drop_stationary: bool = False
+    """Leave out places that look like the one before."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    """Of all that is random."""
 
     @classmethod
     def build(cls: type[_Config], /, **values: Any) -> _Config:
@@ -86,61 +104,55 @@ class FitConfig(Section):
 
 
 class TrainConfig(FitConfig):
-    """Everything that decides the outcome of the training of a network, beside the images.
-
-    Attributes:
-        model: `vae`, `c-vae`, `cp-vae` or `cae`.
-        recipe: Name of the recipe that gave the defaults; `faithful` is the paper's bound alone, `best` (CP-VAE only)
-            adds remedies.
-        image_size: (H, W), multiples of 32.
-        grey: One channel instead of three.
-        epochs: Passes over the training frames; exactly one of `epochs` and `minutes` is given.
-        minutes: Stop after so much training time.
-        batch_size: Frames in one step, over all devices.
-        learning_rate: At its highest; it warms up and then falls along a cosine.
-        fully_connected_rate: Learning rate of the fully connected chains, as a fraction of the others'. A step of
-            Adam changes what a layer computes the more, the more inputs it has (Yang et al. 2022).
-        weight_decay: Of AdamW.
-        warmup_epochs: Epochs over which the KL weights rise from 0 to theirs.
-        weights: Weights of the bound's terms.
-        remedies: What the paper's bound does not have.
-        fully_connected: Table 1's chain of fully connected layers; without it z is read off the feature map.
-        oriented_gradients: The mean of z_p is a linear projection of oriented gradients instead of the feature map
-            (`cp-vae` only). The projection starts as the discriminant of the training places.
-        projection: How that projection is fitted and trained.
-        place_term: What p(p|z_p) tells (`cp-vae` only): the training places as `classes`, or the `position` along the
-            route, regressed.
-        place_spread: Standard deviation, in places, of the softened place target; 0: one class a frame.
-        augmentation: How much training images are changed.
-        held_out: Fraction of the training places, at their end, kept out of the gradient to choose the epoch.
-        held_out_gap: Places left out between the two.
-        tolerance: A match this many places away counts as right when the epoch is chosen.
-        validate_every: Epochs between validations.
-    """
+    """Everything that decides the outcome of the training of a network, beside the images."""
 
     model: ModelKind
+    """`vae`, `c-vae`, `cp-vae` or `cae`."""
     recipe: Literal["faithful", "best"] = "faithful"
+    """What gave the defaults: `faithful` is the paper's bound alone, `best` (CP-VAE only) adds remedies."""
     image_size: tuple[int, int] = (224, 224)
+    """(H, W), multiples of 32."""
     grey: bool = False
+    """One channel instead of three."""
     epochs: Annotated[int, Field(gt=0)] | None = None
+    """Passes over the training frames; exactly one of `epochs` and `minutes` is given."""
     minutes: Positive | None = None
-    batch_size: Annotated[int, Field(ge=2)] = 32
+    """Stop after so much training time."""
+    batch_size: Annotated[int, Field(ge=2)] = 64
+    """Frames in one step, over all devices."""
     learning_rate: Positive = 1e-3
+    """At its highest; it warms up and then falls along a cosine."""
     fully_connected_rate: Positive = 0.1
-    weight_decay: NonNegative = 0.0
+    """Learning rate of the fully connected chains, as a fraction of the others'. A step of Adam changes what a layer
+    computes the more, the more inputs it has (Yang et al. 2022)."""
+    weight_decay: NonNegative = 0.1
+    """Of AdamW."""
     warmup_epochs: NonNegative = 5.0
-    weights: TermWeights = TermWeights()
-    remedies: Remedies = Remedies()
+    """Epochs over which the KL weights rise from 0 to theirs."""
+    weights: Weights = Weights()
+    """Weights of the bound's terms."""
     fully_connected: bool = True
+    """Table 1's chain of fully connected layers; without it z is read off the feature map."""
     oriented_gradients: bool = False
+    """The mean of z_p is a linear projection of oriented gradients instead of the feature map (`cp-vae` only). The
+    projection starts as the discriminant of the training places."""
     projection: PlaceProjection = PlaceProjection()
+    """How that projection is fitted and trained."""
     place_term: PlaceTerm = "classes"
+    """What p(p|z_p) tells (`cp-vae` only): the training places as `classes`, or the `position` along the route,
+    regressed."""
     place_spread: NonNegative = 0.0
+    """Standard deviation, in places, of the softened place target; 0: one class a frame."""
     augmentation: Augmentation = Augmentation()
+    """How much training images are changed."""
     held_out: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
+    """Fraction of the training places, at their end, kept out of the gradient to choose the epoch."""
     held_out_gap: Annotated[int, Field(ge=0)] = 10
+    """Places left out between the two."""
     tolerance: Annotated[int, Field(ge=0)] = 1
+    """A match this many places away counts as right when the epoch is chosen."""
     validate_every: Annotated[int, Field(gt=0)] = 1
+    """Epochs between validations."""
 
     @field_validator("image_size")
     @classmethod
@@ -159,48 +171,19 @@ class TrainConfig(FitConfig):
         return self
 
     @model_validator(mode="after")
-    def _remedies_fit_the_model(self) -> TrainConfig:
-        remedies = self.remedies
-        for name, used in (("contrastive", remedies.contrastive), ("swap", remedies.swap)):
-            if used and self.model != "cp-vae":
-                raise ValueError(f"remedies.{name} needs place labels, which {self.model} does not use; set it to 0")
+    def _fits_the_model(self) -> TrainConfig:
         for name, used, off in (
-            ("adversary", remedies.adversary, "0"),
-            ("conditional_prior", remedies.conditional_prior, "false"),
+            ("oriented_gradients", self.oriented_gradients, "false"),
+            ("place_term", self.place_term == "position", "classes"),
         ):
-            if used and self.model not in ("c-vae", "cp-vae"):
-                raise ValueError(f"remedies.{name} needs conditions, which {self.model} does not use; set it to {off}")
-        if remedies.free_bits and self.model == "cae":
-            raise ValueError("remedies.free_bits needs a KL divergence, which cae does not have; set it to 0")
-        if self.oriented_gradients and self.model != "cp-vae":
-            raise ValueError(f"oriented_gradients needs place labels, which {self.model} does not use; set it to false")
-        if self.place_term == "position" and self.model != "cp-vae":
-            raise ValueError(f"place_term needs place labels, which {self.model} does not use; set it to classes")
-        if remedies.virtual != VirtualPlaces() and (self.weights.place or not remedies.contrastive):
-            raise ValueError(
-                "remedies.virtual makes places without a class; set weights.place to 0 and remedies.contrastive above 0"
-            )
+            if used and self.model != "cp-vae":
+                raise ValueError(f"{name} needs place labels, which {self.model} does not use; set it to {off}")
         return self
-
-    @property
-    def has_place_classes(self) -> bool:
-        """Whether the model tells the training places apart as classes, which virtual places have none of."""
-        return self.model == "cp-vae" and self.remedies.virtual == VirtualPlaces()
 
     def remedies_in_use(self) -> list[str]:
         """What this configuration has that the paper's model has not, in words; empty for a faithful one."""
-        remedies, virtual, projection = self.remedies, self.remedies.virtual, self.projection
-        whose = {"same_place": "the same", "other_place": "another"}[remedies.swap_z_c]
+        projection = self.projection
         named = {
-            f"contrastive term (temperature {remedies.temperature:g})": bool(remedies.contrastive),
-            f"adversary on z_p (weight {remedies.adversary:g})": bool(remedies.adversary),
-            f"swap reconstruction (weight {remedies.swap:g}, z_c of {whose} place)": bool(remedies.swap),
-            "conditional prior p(z_c|c)": remedies.conditional_prior,
-            f"free bits ({remedies.free_bits:g} nats a dimension)": bool(remedies.free_bits),
-            f"virtual places (crop {virtual.crop:g}, mirror {virtual.mirror:g}, join {virtual.join:g})": (
-                virtual != VirtualPlaces()
-            ),
-            "no place classes": self.model == "cp-vae" and not self.has_place_classes,
             "no fully connected chain": not self.fully_connected,
             f"z_p from oriented gradients (ridge {projection.ridge:g}, stretches {projection.stretches:g}, "
             f"light {projection.light:g}, rate {projection.rate:g})": self.oriented_gradients,
@@ -209,7 +192,29 @@ class TrainConfig(FitConfig):
 
     @classmethod
     def _defaults(cls, values: dict[str, Any]) -> dict[str, Any]:
-        return recipe(str(values.get("model")), str(values.get("recipe", "faithful")))
+        return _recipe(str(values.get("model")), str(values.get("recipe", "faithful")))
+
+
+_AUGMENTATION = {"shift": 0.03, "crop": 0.03, "brightness": 0.18, "contrast": 0.35}
+_LABEL_WEIGHTS = {"c-vae": {"condition": 100.0}, "cp-vae": {"condition": 100.0, "place": 5000.0}}
+_BEST: dict[str, Any] = {"oriented_gradients": True, "fully_connected": False, "fully_connected_rate": 1.0}
+
+
+def _recipe(model: str, name: str) -> dict[str, Any]:
+    """The defaults of a recipe that depend on the kind of model.
+
+    Raises:
+        ConfigError: There is no recipe of that name.
+    """
+    if name not in ("faithful", "best"):
+        raise ConfigError(f"--recipe {name!r} does not exist; choose faithful or best")
+    if name == "best" and model != "cp-vae":
+        raise ConfigError(f"--recipe best is a recipe of cp-vae, not of {model}; choose faithful")
+    defaults = {"recipe": name, "augmentation": _AUGMENTATION, "weights": _LABEL_WEIGHTS.get(model, {})}
+    if name == "faithful":
+        return defaults
+    # With a tenth of the image term z_c holds less of the place, and the translated images are closer.
+    return {**defaults, **_BEST, "weights": {**_LABEL_WEIGHTS[model], "image": 0.1}}
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -11,28 +11,22 @@ from pydantic import ValidationError
 
 from everplace.errors import ConfigError
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.inference import default_device
 from everplace.model.model_config import ModelConfig
 from everplace.progress import Progress, quiet
 from everplace.route.route import Route
-from everplace.training.callbacks import RunKeeper
 from everplace.training.config import TrainConfig
-from everplace.training.frames import (
-    SplitRoute,
-    fingerprint,
-    require_enough_frames,
-    split_route,
-)
+from everplace.training.devices import launch, own_device, require_devices, torch_settings_kept
+from everplace.training.display import Display, TrainingDisplay
+from everplace.training.frames import SplitRoute, TrainingFrames, fingerprint, require_enough_frames, split_route
 from everplace.training.freed_memory import freed_memory_kept
-from everplace.training.module import BoundModule
-from everplace.training.pairs import make_frames, make_order, require_shares
+from everplace.training.loop import run_epochs
 from everplace.training.place_projection import fit_place_projection
-from everplace.training.remedies import RemedyTerms
-from everplace.training.resume_state import ResumeState, RunProgress, require_fitting, save_state
-from everplace.training.run_directory import locked_run, prepare_run, require_same_images, require_usable
+from everplace.training.resume_state import ResumeState, RunProgress, require_fitting
+from everplace.training.run_directory import leads, locked_run, prepare_run, require_same_images, require_usable
+from everplace.training.run_keeper import RunKeeper
+from everplace.training.schedule import make_optimizer
 from everplace.training.select_route import select_route
-from everplace.training.trainer import make_trainer, own_device, require_devices, run_trainer, torch_settings_kept
-from everplace.training.validation import criterion_name
+from everplace.training.validation import criterion_name, validate
 
 __all__ = ["TrainSummary", "require_trainable", "train"]
 
@@ -110,29 +104,28 @@ def train(
     """
     processes = devices * nodes
     require_usable(out, config, resume, processes)
+    require_devices(devices)
     chosen = require_trainable(route, config, progress)
     split = split_route(chosen, config, progress)
-    model_config = _model_config(split.conditions, split.places, config)
-    frames = make_frames(split, config)
-    require_devices(devices)
-    require_shares(split, config, processes)
+    frames = TrainingFrames(split, config.augmentation, config.batch_size, config.seed)
+    frames.require_shares(processes)
     images = fingerprint(split, progress)
-    # torch itself keeps the memory of a CUDA device, where a step's tensors are.
-    memory = freed_memory_kept() if default_device().type == "cpu" else contextlib.nullcontext()
-    with locked_run(out, processes), memory, torch_settings_kept():
+    with locked_run(out, processes), freed_memory_kept(), torch_settings_kept():
         state = prepare_run(out, config, resume, processes)
         if state is not None:
             require_same_images(state, images, out, route.root)
         end = state.progress if state is not None else RunProgress()
         if not end.finished:
             keeper = RunKeeper(out, config, split, images, end, save_every)
-            order = make_order(split, config, end.epoch)
-            module = _module(model_config, config, len(order), split, state, own_device(processes), progress)
-            trainer = make_trainer(config, end, keeper, out, devices, nodes, show=show)
-            run_trainer(trainer, module, frames, order)
+            model = _model(split, config, state, own_device(processes), progress)
+            fabric = launch(devices, nodes, show=bool(show))
+            optimizer = make_optimizer(model.to(fabric.device), config, state.optimizer if state is not None else None)
+            measure = partial(validate, split=split, tolerance=config.tolerance, weights=config.weights)
+            with _display(config, show if leads(processes) else False) as display:
+                run_epochs(fabric, model, optimizer, frames, measure, config, keeper, display)
             end = keeper.progress
-            if trainer.is_global_zero:
-                save_state(out, end.model_copy(update={"finished": True}), None, None, images)
+            if fabric.is_global_zero:
+                keeper.finish()
     return TrainSummary(
         run=str(out),
         model=config.model,
@@ -140,7 +133,7 @@ def train(
         remedies=tuple(config.remedies_in_use()),
         epochs=end.epoch,
         seconds=end.seconds,
-        frames=len(frames),
+        frames=frames.frames,
         places=split.places,
         held_out=sum(len(block.pixels) for block in split.held_out),
         conditions=split.conditions,
@@ -177,7 +170,7 @@ def _model_config(conditions: tuple[str, ...], places: int, config: TrainConfig)
             width=width,
             channels=1 if config.grey else 3,
             conditions=conditions if config.model in ("c-vae", "cp-vae") else (),
-            places=places if config.has_place_classes else 0,
+            places=places if config.model == "cp-vae" else 0,
             place_term=config.place_term,
             fully_connected=config.fully_connected,
             oriented_gradients=config.oriented_gradients,
@@ -187,36 +180,22 @@ def _model_config(conditions: tuple[str, ...], places: int, config: TrainConfig)
         raise ConfigError(first["msg"].removeprefix("Value error, ")) from None
 
 
-def _module(
-    model_config: ModelConfig,
-    config: TrainConfig,
-    steps_per_epoch: int,
-    split: SplitRoute,
-    state: ResumeState | None,
-    device: torch.device,
-    progress: Progress,
-) -> BoundModule:
+def _model(
+    split: SplitRoute, config: TrainConfig, state: ResumeState | None, device: torch.device, progress: Progress
+) -> ConditionVAE:
+    """The network as the run stands: new, or with the weights of the state."""
     with torch.random.fork_rng():
         torch.manual_seed(config.seed)
-        model = ConditionVAE(model_config)
+        model = ConditionVAE(_model_config(split.conditions, split.places, config))
         if state is None:
             model.initialise()
-        # After the model, whose random numbers are so the same without them.
-        remedies = RemedyTerms(model_config, config.remedies)
-    if state is None and config.oriented_gradients:
-        fit_place_projection(model, split, config.projection, progress, device)
-    done = state.progress if state is not None else RunProgress()
     if state is not None:
-        require_fitting(state, model, remedies)
+        require_fitting(state, model)
         model.load_state_dict(state.model)
-        remedies.load_state_dict(state.remedies)
-    return BoundModule(
-        model,
-        remedies,
-        config,
-        steps_per_epoch,
-        first_epoch=done.epoch,
-        seconds_before=done.seconds,
-        has_checkpoint=done.best_epoch > 0,
-        optimizer_state=state.optimizer if state is not None else None,
-    )
+    elif config.oriented_gradients:
+        fit_place_projection(model, split, config.projection, progress, device)
+    return model
+
+
+def _display(config: TrainConfig, show: bool | str) -> Display:
+    return TrainingDisplay(config.epochs, show if isinstance(show, str) else "") if show else Display()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,11 +12,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.utils.data import Dataset, Sampler
 
-from everplace.errors import RouteError
+from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
-from everplace.images.decoding import ImageSpec
+from everplace.images.decoding import ImageSpec, map_ahead
 from everplace.progress import Progress, quiet
 from everplace.route.pack import pack
 from everplace.route.route import Route
@@ -26,7 +25,6 @@ from everplace.training.config import TrainConfig
 
 __all__ = [
     "Batch",
-    "EpochOrder",
     "FrameBlock",
     "SplitRoute",
     "TrainingFrames",
@@ -50,6 +48,10 @@ class Batch(NamedTuple):
     images: Tensor
     conditions: Tensor
     places: Tensor
+
+    def map(self, function: Callable[[Tensor], Tensor]) -> Batch:
+        """The same batch with every tensor changed."""
+        return Batch(*map(function, self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,77 +156,74 @@ def fingerprint(split: SplitRoute, progress: Progress = quiet) -> str:
     return digest.hexdigest()
 
 
-class TrainingFrames(Dataset[Batch]):
-    """Gives whole batches, augmented; a key is an epoch with the positions of its frames."""
+class TrainingFrames:
+    """The batches of each epoch: which frames, in which order, how changed is a function of (seed, epoch) alone.
 
-    def __init__(self, split: SplitRoute, augmentation: Augmentation, seed: int) -> None:
+    So a resumed run sees the same ones. With several devices each takes every `world`-th frame of a batch, so the
+    batches do not depend on their number. The frames of the last, smaller batch wait for the next epoch's order.
+    """
+
+    def __init__(self, split: SplitRoute, augmentation: Augmentation, batch_size: int, seed: int) -> None:
         self._blocks = split.training
         self._starts = np.cumsum([0, *(len(block.pixels) for block in self._blocks)])
         self._aligned = split.aligned
         self._augmentation = augmentation
         self._seed = seed
-
-    def __len__(self) -> int:
-        """Number of frames."""
-        return int(self._starts[-1])
-
-    def __getitem__(self, key: tuple[int, NDArray[np.int64]]) -> Batch:
-        """Returns the frames at the key's positions, augmented as (seed, epoch, position) says."""
-        epoch, positions = key
-        pixels, conditions, places = self._read(positions)
-        images = [
-            augment(image, self._augmentation, augmentation_rng(self._seed, epoch, int(position)))
-            for image, position in zip(pixels, positions, strict=True)
-        ]
-        return Batch(torch.from_numpy(np.stack(images)), torch.from_numpy(conditions), torch.from_numpy(places))
-
-    def _read(self, positions: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64]]:
-        """Returns pixels B×H×W×C, conditions (B,) and places (B,) as they are stored."""
-        blocks = np.searchsorted(self._starts, positions, side="right") - 1
-        rows = positions - self._starts[blocks]
-        pixels = np.stack([self._blocks[block].pixels[row] for block, row in zip(blocks, rows, strict=True)])
-        conditions = np.array([self._blocks[block].condition for block in blocks], dtype=np.int64)
-        return pixels, conditions, rows if self._aligned else np.full_like(rows, -1)
-
-
-class EpochOrder(Sampler[tuple[int, NDArray[np.int64]]]):
-    """The batches of each epoch, a function of (seed, epoch) alone, so that a resumed run sees the same ones.
-
-    With several devices each takes every `world`-th item of a batch, so the batches do not depend on their number.
-    The items of the last, smaller batch wait for the next epoch's order. An item is a frame, or a pair of frames.
-    """
-
-    def __init__(self, items: int, batch: int, seed: int, *, first_epoch: int = 0) -> None:
-        self._items = items
-        self._batch = min(batch, items)
-        self._seed = seed
-        self._first = first_epoch
-        self._epoch = first_epoch
-        self._rank, self._world = 0, 1
-
-    @property
-    def batch(self) -> int:
-        """Number of items in a batch, over all devices."""
-        return self._batch
-
-    def share(self, rank: int, world: int) -> None:
-        """Says which part of each batch this device takes."""
-        self._rank, self._world = rank, world
-
-    def set_epoch(self, epoch: int) -> None:
-        """Lightning calls this with the epoch counted from the start of this process."""
-        self._epoch = self._first + epoch
+        self.frames = int(self._starts[-1])
+        self.batch_size = min(batch_size, self.frames)
 
     def __len__(self) -> int:
         """Number of batches in an epoch."""
-        return self._items // self._batch
+        return self.frames // self.batch_size
 
-    def __iter__(self) -> Iterator[tuple[int, NDArray[np.int64]]]:
-        """Yields the epoch with the positions of one batch's frames."""
-        order = self._draw(np.random.default_rng((self._seed, self._epoch)))
-        for start in range(0, len(self) * self._batch, self._batch):
-            yield self._epoch, order[start : start + self._batch][self._rank :: self._world]
+    def order(self, epoch: int, rank: int = 0, world: int = 1) -> Iterator[NDArray[np.int64]]:
+        """Yields the positions of the frames of each batch, of which device `rank` of `world` takes its part."""
+        order = np.random.default_rng((self._seed, epoch)).permutation(self.frames)
+        for start in range(0, len(self) * self.batch_size, self.batch_size):
+            yield order[start : start + self.batch_size][rank::world]
 
-    def _draw(self, rng: np.random.Generator) -> NDArray[np.int64]:
-        """Returns the positions of all items in a new order."""
-        return rng.permutation(self._items)
+    def batches(self, epoch: int, rank: int, world: int, device: torch.device) -> Iterator[Batch]:
+        """Yields the part of device `rank` of `world` of the batches of an epoch, on the device.
+
+        On the CPU the network uses all cores itself. A CUDA device leaves the processor free: threads augment batches
+        ahead, in memory that the device reads from without waiting. (OpenCV lets go of the interpreter's lock; worker
+        processes would be forked from a process that holds threads, which may hang, or import torch anew.)
+        """
+        order = self.order(epoch, rank, world)
+        if device.type != "cuda":
+            yield from (self.batch(epoch, positions) for positions in order)
+            return
+        for batch in map_ahead(lambda positions: self.batch(epoch, positions).map(Tensor.pin_memory), order):
+            yield batch.map(lambda part: part.to(device, non_blocking=True))
+
+    def batch(self, epoch: int, positions: NDArray[np.int64]) -> Batch:
+        """Returns the frames at some positions, augmented as (seed, epoch, position) says."""
+        blocks = np.searchsorted(self._starts, positions, side="right") - 1
+        rows = positions - self._starts[blocks]
+        images = [
+            augment(
+                self._blocks[block].pixels[row],
+                self._augmentation,
+                augmentation_rng(self._seed, epoch, int(position)),
+            )
+            for block, row, position in zip(blocks, rows, positions, strict=True)
+        ]
+        conditions = np.array([self._blocks[block].condition for block in blocks], dtype=np.int64)
+        places = rows if self._aligned else np.full_like(rows, -1)
+        return Batch(torch.from_numpy(np.stack(images)), torch.from_numpy(conditions), torch.from_numpy(places))
+
+    def require_shares(self, devices: int) -> None:
+        """Refuses batches of which a device would get too little to learn from.
+
+        Args:
+            devices: On all machines together.
+
+        Raises:
+            ConfigError: A device would have fewer than two frames.
+        """
+        # Batch normalisation needs two frames wherever it runs.
+        if self.batch_size < 2 * devices:
+            raise ConfigError(
+                f"a batch of {self.batch_size} frames is too small for {devices} devices, which need two each; "
+                "raise batch_size, add frames or give fewer --devices"
+            )

@@ -12,6 +12,8 @@ import contextlib
 import ctypes
 from collections.abc import Iterator
 
+from everplace.model.inference import default_device
+
 __all__ = ["freed_memory_kept"]
 
 # Parameters of mallopt(3).
@@ -26,9 +28,10 @@ _USUAL = {_MMAP_MAX: 65536, _MMAP_THRESHOLD: 32 * _MIB, _TRIM_THRESHOLD: 64 * _M
 def freed_memory_kept() -> Iterator[None]:
     """While it is open, freed memory stays with the process; afterwards it goes back to the system.
 
-    Does nothing where the C library is another than glibc.
+    Does nothing where the C library is another than glibc, and where torch computes on a CUDA device, whose memory it
+    keeps itself.
     """
-    library = _glibc()
+    library = _glibc() if default_device().type == "cpu" else None
     if library is None:
         yield
         return

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from everplace.errors import CheckpointError
 from everplace.files import readable, write_text
+from everplace.model.posterior import BLOCKS
 
 __all__ = ["METRICS_FILE", "MetricsTable", "read_metrics"]
 
@@ -24,16 +25,8 @@ _COLUMNS = (
     "image",
     "condition",
     "place",
-    "contrastive",
-    "adversary",
-    "swap",
-    "kl_place",
-    "kl_condition",
-    "kl_conditional",
-    "free_place",
-    "free_condition",
-    "active_place",
-    "active_condition",
+    *(f"kl_{block}" for block in BLOCKS),
+    *(f"active_{block}" for block in BLOCKS),
     "sigma",
     "held_out_bound",
     "held_out_recall_at_1",
@@ -48,7 +41,8 @@ class MetricsTable:
         self._path = run / METRICS_FILE
         self._rows: list[dict[str, str]] = []
         if keep_epochs and self._path.is_file():
-            self._rows = [row for row in _read_rows(self._path) if int(row["epoch"]) <= keep_epochs]
+            rows = [row for row in _read_rows(self._path) if int(row["epoch"]) <= keep_epochs]
+            self._rows = [{name: row.get(name, "") for name in _COLUMNS} for row in rows]
 
     def append(self, row: dict[str, float]) -> None:
         """Adds an epoch and writes the file anew.

@@ -17,8 +17,8 @@ from everplace.model.condition_vae import ConditionVAE
 from everplace.model.inference import inference
 from everplace.model.pixels import to_input
 from everplace.progress import Progress, quiet
+from everplace.training.config import PlaceProjection
 from everplace.training.frames import SplitRoute
-from everplace.training.sections import PlaceProjection
 
 __all__ = ["fit_place_projection"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -19,7 +19,7 @@ __all__ = ["RESUME", "ResumeState", "RunProgress", "has_state", "load_state", "r
 RESUME = "resume"
 _NAME = "state"
 _FORMAT = 1
-_MODEL, _REMEDIES, _OPTIMIZER = "model.", "remedies.", "optimizer."
+_MODEL, _OPTIMIZER = "model.", "optimizer."
 
 _Count = Annotated[int, Field(ge=0)]
 
@@ -62,14 +62,12 @@ class ResumeState:
         model: The model's state dictionary.
         optimizer: Moments and step of each parameter, by its position.
         images: Fingerprint of the images that it is trained on; empty if that is not known.
-        remedies: State dictionary of the remedies' own parameters; empty if they have none.
     """
 
     progress: RunProgress
     model: dict[str, Tensor]
     optimizer: dict[int, dict[str, Tensor]]
     images: str = ""
-    remedies: dict[str, Tensor] = field(default_factory=dict)
 
 
 def save_state(
@@ -78,7 +76,6 @@ def save_state(
     model: torch.nn.Module | None,
     optimizer: torch.optim.Optimizer | None,
     images: str = "",
-    remedies: torch.nn.Module | None = None,
 ) -> None:
     """Writes RUN/resume, replacing what stood there as a whole; a finished run keeps no tensors.
 
@@ -86,9 +83,8 @@ def save_state(
         run: The run directory.
         progress: How far the run has come.
         model: The network; None for a finished run, as is all that follows.
-        optimizer: Of the parameters of the network and of the remedies, in this order.
+        optimizer: Of the network's parameters.
         images: Fingerprint of the images.
-        remedies: What holds the remedies' own parameters; None if they have none.
 
     Raises:
         StorageError: Writing failed; the earlier state still stands.
@@ -96,8 +92,6 @@ def save_state(
     tensors: dict[str, Tensor] = {}
     if model is not None and optimizer is not None:
         tensors.update({f"{_MODEL}{key}": value for key, value in model.state_dict().items()})
-        if remedies is not None:
-            tensors.update({f"{_REMEDIES}{key}": value for key, value in remedies.state_dict().items()})
         for index, state in optimizer.state_dict()["state"].items():
             tensors.update({f"{_OPTIMIZER}{index}.{key}": torch.as_tensor(value) for key, value in state.items()})
     save_tensors(run / RESUME, _NAME, tensors, {"format": _FORMAT, "progress": progress.model_dump(), "images": images})
@@ -119,10 +113,7 @@ def load_state(run: Path) -> ResumeState | None:
     tensors, document = load_tensors(run / RESUME, _NAME, _FORMAT)
     try:
         known = _Document.model_validate(document)
-        model, remedies = (
-            {key.removeprefix(part): value for key, value in tensors.items() if key.startswith(part)}
-            for part in (_MODEL, _REMEDIES)
-        )
+        model = {key.removeprefix(_MODEL): value for key, value in tensors.items() if key.startswith(_MODEL)}
         optimizer: dict[int, dict[str, Tensor]] = {}
         for key, value in tensors.items():
             if key.startswith(_OPTIMIZER):
@@ -132,22 +123,20 @@ def load_state(run: Path) -> ResumeState | None:
         raise CheckpointError(
             f"{readable(run / RESUME)} is not what this version writes; remove it to start the run anew"
         ) from None
-    return ResumeState(known.progress, model, optimizer, known.images, remedies)
+    return ResumeState(known.progress, model, optimizer, known.images)
 
 
-def require_fitting(state: ResumeState, model: torch.nn.Module, remedies: torch.nn.Module | None = None) -> None:
-    """Makes sure that a state's tensors are those of a model, and of what its remedies train beside it.
+def require_fitting(state: ResumeState, model: torch.nn.Module) -> None:
+    """Makes sure that a state's tensors are those of a model and of its optimizer.
 
     Raises:
         CheckpointError: A tensor is missing, is unknown, or has another shape.
     """
-    parts = [(model, state.model), (remedies or torch.nn.Identity(), state.remedies)]
     moments = [
         {"step": torch.Size(), "exp_avg": parameter.shape, "exp_avg_sq": parameter.shape}
-        for module, _ in parts
-        for parameter in module.parameters()
+        for parameter in model.parameters()
     ]
-    fits = all(_shapes(module.state_dict()) == _shapes(tensors) for module, tensors in parts) and all(
+    fits = _shapes(model.state_dict()) == _shapes(state.model) and all(
         index in range(len(moments)) and moments[index] == _shapes(of_one) for index, of_one in state.optimizer.items()
     )
     if not fits:

@@ -23,6 +23,9 @@ __all__ = ["leads", "locked_run", "prepare_run", "require_same_images", "require
 _RANKS = ("RANK", "SLURM_PROCID", "JSM_NAMESPACE_RANK", "GROUP_RANK", "NODE_RANK", "LOCAL_RANK")
 
 
+_FORMER_REMEDIES = ("contrastive", "adversary", "swap", "conditional_prior", "free_bits")
+
+
 def leads(processes: int = 1) -> bool:
     """Whether this process writes the run: of several, the first one on the first machine.
 
@@ -118,6 +121,7 @@ def _require_same(out: Path, config: FitConfig) -> None:
     values: dict[str, Any] = {}
     try:
         values = read_toml(out / CONFIG_FILE)
+        remedies = values.pop("remedies", None)  # a table that version 0.1 had
         before = type(config).model_validate(values)
     except (ConfigError, ValidationError) as error:
         if isinstance(error, ValidationError) and _of_another_method(error):
@@ -126,6 +130,10 @@ def _require_same(out: Path, config: FitConfig) -> None:
             f"{readable(out / CONFIG_FILE)} was not written by this version of everplace or was altered; "
             "restore it, or train anew into another directory"
         ) from None
+    used = [name for name in _FORMER_REMEDIES if isinstance(remedies, dict) and remedies.get(name)]
+    if used:
+        difference = f"was trained with remedies.{used[0]}, which this version does not have"
+        raise OtherRunError(f"--out {readable(out)} {difference}; name another directory to train without", difference)
     for name in type(config).model_fields:
         old, new = getattr(before, name), getattr(config, name)
         if old != new:

@@ -17,7 +17,7 @@ from everplace.model.pixels import to_input
 from everplace.scoring.scores import evaluate
 from everplace.training.config import TrainConfig
 from everplace.training.frames import FrameBlock, SplitRoute
-from everplace.training.terms import bound_terms, step_noise
+from everplace.training.step import bound_terms, step_noise
 
 __all__ = ["criterion_name", "validate"]
 
@@ -86,7 +86,7 @@ def _encode(model: ConditionVAE, block: FrameBlock, weights: Weights, salt: int)
         noise = step_noise(salt, start, len(images), model.config.latent_dimensions).to(device)
         output = model(images, noise)
         conditions = torch.full((len(images),), block.condition, device=device)
-        terms = bound_terms(model, images, output, model.log_sigma, (conditions, None), weights)
+        terms = bound_terms(model, images, output, model.log_sigma, conditions, None, weights)
         mean = output.posterior.mean
         descriptors.append(model.split.z_p(mean) if model.config.labelled else mean)
         bounds.append(terms["bound"])

@@ -21,7 +21,6 @@ import torch
 from torch import nn
 
 from everplace.describe.files.descriptors import Settings
-from everplace.describe.pretrained.trial import first_line
 from everplace.errors import MethodError
 from everplace.files import readable
 
@@ -103,14 +102,12 @@ def load_network(repository: HubRepository, entry: str, arguments: Mapping[str, 
 
 
 def _load(repository: HubRepository, entry: str, arguments: Mapping[str, object]) -> object:
-    name, source = str(repository.directory), "local"
-    if repository.directory is None:
-        name, source = repository.label, "github"
-        # A cached repository is named with its branch: torch.hub would ask GitHub for it every time.
-        if ":" not in name and (cached := _cached(name)) is not None:
-            name = f"{name}:{cached.name.rpartition('_')[2]}"
+    # A cached repository is loaded as a directory: torch.hub would ask GitHub for its branch every time.
+    directory = repository.directory or _cached(repository.label)
+    if directory is not None:
+        return torch.hub.load(str(directory), entry, source="local", **arguments)  # type: ignore[no-untyped-call]
     return torch.hub.load(  # type: ignore[no-untyped-call]
-        name, entry, source=source, trust_repo=True, verbose=False, **arguments
+        repository.label, entry, source="github", trust_repo=True, verbose=False, **arguments
     )
 
 
@@ -161,7 +158,7 @@ def _own_modules(repository: HubRepository, before: set[str]) -> list[str]:
     own = []
     for name in sorted(set(sys.modules) - before):
         module = sys.modules[name]
-        # A package without __init__.py has a list of directories alone.
+        # A package without __init__.py has no file, but places where it looks for its modules.
         file = getattr(module, "__file__", None) or next(iter(getattr(module, "__path__", [])), None)
         # An environment of installed packages may lie inside a repository; these stay.
         if file and "site-packages" not in Path(file).parts and any(map(Path(file).resolve().is_relative_to, roots)):
@@ -193,18 +190,17 @@ def _weights_hash(network: nn.Module) -> str:
 
 
 def _reason(error: BaseException, repository: HubRepository) -> str:
-    """Why a network cannot be loaded, and the remedy."""
+    """Says why loading failed, and what to do."""
     if isinstance(error, EOFError):
         return (
             "it asks a question, as torch.hub does for a second repository; load it once in Python with torch.hub.load "
             "and answer there"
         )
-    found = re.match(r"Missing dependencies: (.+)", str(error))  # torch.hub's words
-    missing = error.name if isinstance(error, ModuleNotFoundError) else found[1] if found else None
+    listed = re.match(r"Missing dependencies: (.+)", str(error))
+    missing = error.name if isinstance(error, ModuleNotFoundError) else listed[1] if listed else None
     if missing is not None:
         return f"it needs {missing}, not installed here; pip install {missing.replace(',', '')}"
-    kind, line = type(error).__name__, first_line(error)
-    what = line if line == kind else f"{kind}: {line}"
+    what = ": ".join([type(error).__name__, *str(error).strip().splitlines()[:1]])
     if repository.directory is None and _cached(repository.label) is None:
         return f"{what}; check the network, or clone the repository and give its directory"
     return f"{what}; see its hubconf.py for the entries and their arguments"
