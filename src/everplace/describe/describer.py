@@ -28,8 +28,8 @@ __all__ = ["Describer", "require_no_argument"]
 class Describer(ABC):
     """A method, opened and ready.
 
-    A method sets the attributes and defines `settings` and `describe_batch`; what has a value here is for those whose
-    value is another.
+    A new method sets `method`, `image` and `dimension` and defines `settings` and `describe_batch`. The other attributes
+    have values that suit most.
 
     Attributes:
         method: The name under which its descriptors are known; only descriptors of one method are compared.
