@@ -12,7 +12,9 @@ import pytest
 from everplace.describe import methods
 from everplace.describe.registry import kind_of_run, method_names, open_describer
 from everplace.errors import MethodError
+from everplace.images.decoding import ImageSpec, decode_image
 from everplace.progress import quiet
+from everplace.route.route import open_route
 
 
 def test_methods_open_by_name() -> None:
@@ -32,6 +34,38 @@ def test_a_new_file_is_a_new_method(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert "_helper" not in method_names()
     assert open_describer("echo:https://host/a:b") == "https://host/a:b"  # type: ignore[comparison-overlap]
     del sys.modules["everplace.describe.methods.echo"]
+
+
+NEW_METHOD = """
+from everplace.describe.describer import Describer
+from everplace.images.decoding import ImageSpec
+
+class Brightness(Describer):
+    method, image, dimension = "brightness", ImageSpec(grey=True), 1
+
+    def settings(self):
+        return {}
+
+    def describe_batch(self, images):
+        return images.mean(axis=(1, 2), dtype="float32")
+
+def open_method(argument):
+    return Brightness()
+"""
+
+
+def test_one_file_with_two_methods_is_all_that_a_new_method_needs(
+    tiny_route: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "brightness.py").write_text(NEW_METHOD)
+    monkeypatch.setattr(methods, "__path__", [*methods.__path__, str(tmp_path)])
+    winter = open_route(tiny_route)["winter"]
+    described = open_describer("brightness").describe(winter)
+    assert described.names == winter.stems
+    assert described.values[:, 0] == pytest.approx(
+        [decode_image(path, ImageSpec(grey=True)).mean() for path in winter.paths]
+    )
+    del sys.modules["everplace.describe.methods.brightness"]
 
 
 def test_what_a_method_needs_from_the_net_is_fetched_before_it_opens(

@@ -28,8 +28,8 @@ __all__ = ["Describer", "require_no_argument"]
 class Describer(ABC):
     """A method, opened and ready.
 
-    A new method sets `method`, `image` and `dimension` and defines `settings` and `describe_batch`. The other attributes
-    have values that suit most.
+    A new method sets `method`, `image` and `dimension` and defines `settings` and `describe_batch`. The values that the
+    other attributes have here suit most methods.
 
     Attributes:
         method: The name under which its descriptors are known; only descriptors of one method are compared.
