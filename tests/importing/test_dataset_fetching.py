@@ -9,13 +9,17 @@ from typing import NamedTuple
 import pytest
 from tests.file_server import FileServer, Trouble
 
-from everplace.downloads import Patience
+from everplace import downloads
 from everplace.errors import DownloadError, InputError, StorageError
 from everplace.importing.catalogue import DataFile, DataSet, HubFolder
 from everplace.importing.dataset_fetching import LOCK_FILE, default_directory, fetch_data_set
 
-QUICK = Patience(timeout=0.3, attempts=3, first_wait=0.01)
 TREE = "/api/datasets/someone/route/tree/main/data"
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(downloads, "_FIRST_WAIT", 0.01)
 
 
 def data_set(server: FileServer, *, sha256: str | None = None, size: int | None = None) -> DataSet:
@@ -67,12 +71,12 @@ def test_the_hash_found_first_is_wanted_from_then_on(server: FileServer, tmp_pat
 
 
 def test_it_goes_on_where_it_was_broken_off(server: FileServer, tmp_path: Path) -> None:
-    server.troubles = [Trouble(send=1_000_000), Trouble(status=503), Trouble(status=503)]
+    server.troubles = [Trouble(send=15 * 2**16), *[Trouble(status=503)] * 3]
     with pytest.raises(DownloadError, match="HTTP 503"):
-        fetch_data_set(data_set(server), tmp_path, patience=QUICK)
+        fetch_data_set(data_set(server), tmp_path)
     assert not (tmp_path / LOCK_FILE).exists()
-    fetch_data_set(data_set(server), tmp_path, patience=QUICK)
-    assert server.asked[-1] == "bytes=1000000-"
+    fetch_data_set(data_set(server), tmp_path)
+    assert server.asked[-1] == f"bytes={15 * 2**16}-"
     assert (tmp_path / "file.bin").read_bytes() == server.content
 
 

@@ -21,6 +21,7 @@ from everplace.fabmap.vocabulary import FEATURE_DIMENSIONS, sift_features, words
 from everplace.files import readable
 from everplace.model.checkpoint import CHECKPOINT_NAME
 from everplace.model.provenance import stems_seen
+from everplace.settings import first_problem
 from everplace.tensor_file import load_tensors, save_tensors
 
 __all__ = ["FabMap", "FabMapConfig", "load_fabmap", "save_fabmap"]
@@ -133,10 +134,10 @@ def load_fabmap(run: Path) -> FabMap:
         )
         config = FabMapConfig.model_validate(values)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "model"
+        problem = first_problem(error, FabMapConfig)
         raise CheckpointError(
-            f"{readable(run / CHECKPOINT_NAME)}.json describes no FAB-MAP: {where}: {first['msg']}; train again"
+            f"{readable(run / CHECKPOINT_NAME)}.json describes no FAB-MAP: {problem.setting or 'model'}: "
+            f"{problem.reason}; train again"
         ) from None
     arrays = {name: tensor.numpy() for name, tensor in tensors.items()}
     if not _fits(config, arrays):

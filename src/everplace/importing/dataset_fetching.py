@@ -11,11 +11,12 @@ import re
 import shutil
 import tempfile
 import urllib.parse
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from everplace.downloads import Download, Patience, fetch, fetch_all, sha256_of
+from everplace.downloads import fetch, sha256_of
 from everplace.errors import DownloadError, InputError, StorageError
 from everplace.files import cache_directory, readable, write_json
 from everplace.importing.catalogue import DataFile, DataSet, HubFolder
@@ -53,16 +54,13 @@ def fetch_data_set(
     data_set: DataSet,
     directory: Path | None = None,
     progress: Progress = quiet,
-    *,
-    patience: Patience | None = None,
 ) -> Fetched:
-    """Fetches the files of a data set, several at a time; what is there already is only checked.
+    """Fetches the files of a data set, one after the other; what is there already is only checked.
 
     Args:
         data_set: From the catalogue.
         directory: Where to put it; None: `default_directory`.
-        progress: Told of the mebibytes that have come.
-        patience: How long to wait for the servers; None: the defaults.
+        progress: Told of the pieces of each file that have come.
 
     Returns:
         What is on disk then.
@@ -75,29 +73,26 @@ def fetch_data_set(
     directory = default_directory(data_set) if directory is None else directory
     lock = directory / LOCK_FILE
     known = _read_lock(lock, data_set)
-    listed = tuple((file, file.sha256 is not None) for file in _list(data_set, patience)) if known is None else known
-    first = f"came first (remove {readable(lock)} to trust the new one)"
-    downloads = [
-        Download(file.url, directory / file.name, file.sha256, file.size, "is published" if published else first)
-        for file, published in listed
-    ]
-    _require_space(directory, downloads)
-    fetch_all(downloads, progress, patience=patience)
+    listed = tuple((file, file.sha256 is not None) for file in _list(data_set)) if known is None else known
+    _require_space(directory, [file for file, _ in listed])
+    for file, has_hash in listed:
+        said = "is published" if has_hash else f"came first (remove {readable(lock)} to trust the new one)"
+        fetch(file.url, file.sha256, directory / file.name, progress, known=said)
     files = tuple(_measured(directory, file) for file, _ in listed)
     published = tuple(published for _, published in listed)
     _write_lock(lock, data_set, files, published)
     return Fetched(directory, files, published)
 
 
-def _list(data_set: DataSet, patience: Patience | None) -> tuple[DataFile, ...]:
-    return (*data_set.files, *(() if data_set.hub is None else _list_hub(data_set.hub, patience)))
+def _list(data_set: DataSet) -> tuple[DataFile, ...]:
+    return (*data_set.files, *(() if data_set.hub is None else _list_hub(data_set.hub)))
 
 
-def _list_hub(hub: HubFolder, patience: Patience | None) -> tuple[DataFile, ...]:
+def _list_hub(hub: HubFolder) -> tuple[DataFile, ...]:
     """Asks the Hub for the files of a folder; large ones have their SHA-256 in the listing."""
     url = f"{hub.server}/api/datasets/{hub.repository}/tree/main/{hub.folder}"
     with tempfile.TemporaryDirectory() as scratch:
-        text = fetch(url, None, Path(scratch) / "listing.json", patience=patience).read_text(encoding="utf-8")
+        text = fetch(url, None, Path(scratch) / "listing.json").read_text(encoding="utf-8")
     try:
         files = tuple(_hub_file(hub, item) for item in json.loads(text) if item["type"] == "file")
     except (ValueError, KeyError, TypeError) as error:
@@ -117,9 +112,9 @@ def _hub_file(hub: HubFolder, item: dict[str, Any]) -> DataFile:
     )
 
 
-def _require_space(directory: Path, downloads: list[Download]) -> None:
+def _require_space(directory: Path, files: Sequence[DataFile]) -> None:
     """Raises `StorageError` before a byte is fetched, if what is missing cannot fit."""
-    missing = sum(_missing(download) for download in downloads)
+    missing = sum(max(0, (file.size or 0) - _size(directory / file.name)) for file in files)
     existing = next(path for path in (directory, *directory.absolute().parents) if path.exists())
     free = shutil.disk_usage(existing).free
     if missing > free:
@@ -129,9 +124,8 @@ def _require_space(directory: Path, downloads: list[Download]) -> None:
         )
 
 
-def _missing(download: Download) -> int:
-    there = download.target.stat().st_size if download.target.is_file() else 0
-    return max(0, (download.size or 0) - there)
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.is_file() else 0
 
 
 def _measured(directory: Path, file: DataFile) -> DataFile:

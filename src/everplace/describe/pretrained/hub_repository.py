@@ -100,13 +100,6 @@ def load_network(repository: HubRepository, entry: str, arguments: Mapping[str, 
         with _unattended():
             network = _load(repository, entry, arguments)
         code = _code_hash(repository, before)
-    except (ModuleNotFoundError, RuntimeError) as error:
-        raise MethodError(f"{where} cannot be loaded: {_missing(error) or _reason(error, repository)}") from error
-    except EOFError as error:
-        raise MethodError(
-            f"{where} cannot be loaded: it asks a question, as torch.hub does for a second repository; load it once in "
-            "Python with torch.hub.load and answer there"
-        ) from error
     except (Exception, SystemExit) as error:
         raise MethodError(f"{where} cannot be loaded: {_reason(error, repository)}") from error
     finally:
@@ -119,17 +112,12 @@ def load_network(repository: HubRepository, entry: str, arguments: Mapping[str, 
 
 
 def _load(repository: HubRepository, entry: str, arguments: Mapping[str, object]) -> object:
-    if repository.directory is not None:
-        return torch.hub.load(  # type: ignore[no-untyped-call]
-            str(repository.directory), entry, source="local", **arguments
-        )
-    # A cached repository is named with its branch: torch.hub would ask GitHub for it every time.
-    cached = _cached(repository.label)
-    name = repository.label
-    if ":" not in name and cached is not None:
-        name = f"{name}:{cached.name.rpartition('_')[2]}"
+    # A cached repository is loaded as a directory: torch.hub would ask GitHub for its branch every time.
+    directory = repository.directory or _cached(repository.label)
+    if directory is not None:
+        return torch.hub.load(str(directory), entry, source="local", **arguments)  # type: ignore[no-untyped-call]
     return torch.hub.load(  # type: ignore[no-untyped-call]
-        name, entry, source="github", trust_repo=True, verbose=False, **arguments
+        repository.label, entry, source="github", trust_repo=True, verbose=False, **arguments
     )
 
 
@@ -179,16 +167,13 @@ def _own_modules(repository: HubRepository, before: set[str]) -> list[str]:
     roots = [Path(torch.hub.get_dir()).resolve(), *([repository.directory] if repository.directory else [])]
     own = []
     for name in sorted(set(sys.modules) - before):
-        file = getattr(sys.modules[name], "__file__", None) or next(iter(_search_path(name)), None)
+        module = sys.modules[name]
+        # A package without __init__.py has no file, but places where it looks for its modules.
+        file = getattr(module, "__file__", None) or next(iter(getattr(module, "__path__", [])), None)
         # An environment of installed packages may lie inside a repository; these stay.
         if file and "site-packages" not in Path(file).parts and any(map(Path(file).resolve().is_relative_to, roots)):
             own.append(name)
     return own
-
-
-def _search_path(name: str) -> list[str]:
-    """Where a package without __init__.py looks for its modules."""
-    return list(getattr(sys.modules[name], "__path__", []))
 
 
 def _code_hash(repository: HubRepository, before: set[str]) -> str:
@@ -214,18 +199,18 @@ def _weights_hash(network: nn.Module) -> str:
     return digest.hexdigest()
 
 
-def _missing(error: Exception) -> str | None:
-    """What to install, where that is the reason."""
-    found = re.match(r"Missing dependencies: (.+)", str(error))
-    missing = error.name if isinstance(error, ModuleNotFoundError) else found[1] if found else None
-    if missing is None:
-        return None
-    return f"it needs {missing}, not installed here; pip install {missing.replace(',', '')}"
-
-
 def _reason(error: BaseException, repository: HubRepository) -> str:
-    lines = str(error).strip().splitlines()
-    what = f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
+    """Says why loading failed, and what to do."""
+    if isinstance(error, EOFError):
+        return (
+            "it asks a question, as torch.hub does for a second repository; load it once in Python with torch.hub.load "
+            "and answer there"
+        )
+    listed = re.match(r"Missing dependencies: (.+)", str(error))
+    missing = error.name if isinstance(error, ModuleNotFoundError) else listed[1] if listed else None
+    if missing is not None:
+        return f"it needs {missing}, not installed here; pip install {missing.replace(',', '')}"
+    what = ": ".join([type(error).__name__, *str(error).strip().splitlines()[:1]])
     if repository.directory is None and _cached(repository.label) is None:
         return f"{what}; check the network, or clone the repository and give its directory"
     return f"{what}; see its hubconf.py for the entries and their arguments"
