@@ -7,7 +7,7 @@ import pytest
 from pydantic import Field, ValidationError, model_validator
 
 from everplace.errors import ConfigError
-from everplace.settings import Problem, Settings, explanations, first_problem, read_settings, read_toml
+from everplace.settings import Problem, Settings, explained_toml, explanations, first_problem, read_settings, read_toml
 
 
 class Inner(Settings):
@@ -76,3 +76,33 @@ def test_a_file_without_a_needed_key(tmp_path: Path) -> None:
 def test_a_file_is_called_as_it_was_given(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="^cannot read --config own: No such file or directory; check the path"):
         read_toml(tmp_path / "own.toml", "--config own")
+
+
+def test_explained_values_are_toml_that_gives_them_back(tmp_path: Path) -> None:
+    values = Plain(rate=0.5, topics=("one", 'quo"ted'), inner=Inner(weight=3.0), last=True)
+    text = explained_toml(values)
+    (tmp_path / "own.toml").write_text(text, "utf-8")
+    assert Plain.model_validate(read_toml(tmp_path / "own.toml")) == values
+    assert "# Which topics to read, the first is the image's.\ntopics = [" in text
+    assert "# Weights.\n[inner]" in text
+
+
+class Plain(Settings):
+    rate: float = 2.0
+    topics: tuple[str, ...] = ()
+    """Which topics to read, the first
+    is the image's."""
+    inner: Inner = Inner()
+    """Weights."""
+    last: bool = False
+
+
+class Maybe(Settings):
+    sizes: tuple[int, ...] = (224, 96)
+    """In pixels."""
+    minutes: float | None = None
+    """Stop after so much time."""
+
+
+def test_what_is_not_set_is_a_comment() -> None:
+    assert explained_toml(Maybe()) == "# In pixels.\nsizes = [224, 96]\n\n# Stop after so much time.\n# minutes ="

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, get_args
 
+import tomli_w
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import PydanticUndefined
 
@@ -17,7 +19,15 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["Problem", "Settings", "explanations", "first_problem", "read_settings", "read_toml"]
+__all__ = [
+    "Problem",
+    "Settings",
+    "explained_toml",
+    "explanations",
+    "first_problem",
+    "read_settings",
+    "read_toml",
+]
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -66,6 +76,27 @@ def explanations(model: type[BaseModel]) -> dict[str, str]:
         if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
             told |= {f"{name}.{inner}": text for inner, text in explanations(field.annotation).items()}
     return told
+
+
+def explained_toml(values: BaseModel, table: str = "") -> str:
+    """Writes values as TOML, each below its explanation; a value that is not set is a comment."""
+    lines = [f"[{table}]"] if table else []
+    tables = {name: inner for name, inner in values if isinstance(inner, BaseModel)}
+    # What is no table comes first: behind the head of a table all belongs to it.
+    for name, value in (*values.model_dump(mode="json", exclude=set(tables)).items(), *tables.items()):
+        told = " ".join((type(values).model_fields[name].description or "").split())
+        lines += ["", *textwrap.wrap(told, 100, initial_indent="# ", subsequent_indent="# ")]
+        if isinstance(value, BaseModel):
+            lines.append(explained_toml(value, f"{table}.{name}" if table else name))
+        else:
+            lines.append(f"# {name} =" if value is None else f"{name} = {_toml(value)}")
+    return "\n".join(lines).strip()
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    return tomli_w.dumps({"": value}).partition("=")[2].strip()
 
 
 def read_toml(path: Path, name: str = "") -> dict[str, Any]:
