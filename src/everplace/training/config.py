@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import tomli_w
-from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
-from everplace.errors import ConfigError, SettingError
+from everplace import settings
+from everplace.errors import SettingError
 from everplace.files import readable, write_text
 from everplace.model.model_config import ModelKind, PlaceTerm
+from everplace.settings import first_problem
 from everplace.training.augment import Augmentation
 from everplace.training.recipes import recipe
 from everplace.training.sections import NonNegative, PlaceProjection, Positive, Remedies, Section, TermWeights
 from everplace.training.virtual_places import VirtualPlaces
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 __all__ = [
     "CONFIG_FILE",
@@ -69,15 +65,13 @@ class FitConfig(Section):
         try:
             return cls.model_validate(_merge(cls._defaults(values), values))
         except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"]) or "configuration"
-            message = first["msg"].removeprefix("Value error, ")
-            if first["type"] == "extra_forbidden":
-                known = _section_of(cls, first["loc"]).model_fields
-                message = f"there is no such setting; known are {', '.join(known)}"
-            elif first["type"] != "value_error" and isinstance(first["input"], int | float | str):
-                message += f", not {first['input']!r}"
-            raise SettingError(where, message) from None
+            problem = first_problem(error, cls)
+            message = problem.reason
+            if problem.known is not None:
+                message = f"there is no such setting; known are {', '.join(problem.known)}"
+            elif problem.kind != "value_error" and isinstance(problem.value, int | float | str):
+                message += f", not {problem.value!r}"
+            raise SettingError(problem.setting or "configuration", message) from None
 
     @classmethod
     def _defaults(cls, values: dict[str, Any]) -> dict[str, Any]:  # noqa: ARG003
@@ -218,32 +212,13 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises:
         ConfigError: The file is missing or is no TOML.
     """
-    try:
-        return tomllib.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise ConfigError(f"--config {readable(path)} cannot be read ({error.strerror}); check the path") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"--config {readable(path)} is not TOML: {error}") from None
-    except RecursionError:
-        raise ConfigError(
-            f"--config {readable(path)} is nested too deeply; write it as the documentation does"
-        ) from None
+    return settings.read_toml(path, f"--config {readable(path)}")
 
 
 def write_config(run: Path, config: FitConfig) -> None:
     """Writes config.toml into a run directory."""
     values = config.model_dump(mode="json", exclude_none=True)
     write_text(run / CONFIG_FILE, tomli_w.dumps(values))
-
-
-def _section_of(config: type[BaseModel], location: tuple[int | str, ...]) -> type[BaseModel]:
-    """The table that holds a setting, by the names that lead to it."""
-    for name in location[:-1]:
-        field = config.model_fields.get(str(name))
-        if field is None or not isinstance(field.annotation, type) or not issubclass(field.annotation, BaseModel):
-            break
-        config = field.annotation
-    return config
 
 
 def _merge(under: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from everplace.model.inference import default_device
 from everplace.model.model_config import ModelConfig
 from everplace.progress import Progress, quiet
 from everplace.route.route import Route
+from everplace.settings import first_problem
 from everplace.training.callbacks import RunKeeper
 from everplace.training.config import TrainConfig
 from everplace.training.frames import (
@@ -183,8 +184,7 @@ def _model_config(conditions: tuple[str, ...], places: int, config: TrainConfig)
             oriented_gradients=config.oriented_gradients,
         )
     except ValidationError as error:
-        first = error.errors()[0]
-        raise ConfigError(first["msg"].removeprefix("Value error, ")) from None
+        raise ConfigError(first_problem(error, ModelConfig).reason) from None
 
 
 def _module(
