@@ -69,7 +69,7 @@ def test_a_file_without_a_needed_key(tmp_path: Path) -> None:
     path.write_text("rate = 3\n")
     with pytest.raises(ConfigError, match=r"own\.toml lacks 'mode'; add it"):
         read_settings(path, Outer)
-    path.write_text("rate = 3\nmode = 'a'\n")
+    path.write_text("rate = 3\nmode = 'a'\n", "utf-8-sig")
     assert read_settings(path, Outer) == Outer(rate=3.0, mode="a")
 
 

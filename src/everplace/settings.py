@@ -111,7 +111,7 @@ def read_toml(path: Path, name: str = "") -> dict[str, Any]:
     """
     name = name or readable(path)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))  # Windows' editor begins files with a mark
     except OSError as error:
         raise ConfigError(
             f"cannot read {name}: {error.strerror or error}; check the path and its permissions"

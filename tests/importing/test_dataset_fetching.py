@@ -35,7 +35,7 @@ def locked(directory: Path) -> list[dict[str, object]]:
 def test_a_published_hash_is_wanted(server: FileServer, tmp_path: Path) -> None:
     fetched = fetch_data_set(data_set(server, sha256=server.sha256), tmp_path)
     assert (tmp_path / "file.bin").read_bytes() == server.content
-    assert fetched.published == (True,)
+    assert [file.published for file in fetched.files] == [True]
     shutil.rmtree(tmp_path)
     with pytest.raises(DownloadError, match=f"{server.sha256} where 0000.* is published"):
         fetch_data_set(data_set(server, sha256="0" * 64), tmp_path)
@@ -44,7 +44,6 @@ def test_a_published_hash_is_wanted(server: FileServer, tmp_path: Path) -> None:
 
 def test_the_hash_found_first_is_wanted_from_then_on(server: FileServer, tmp_path: Path) -> None:
     fetched = fetch_data_set(data_set(server), tmp_path)
-    assert fetched.published == (False,)
     assert fetched.files == (DataFile("file.bin", server.url, server.sha256, len(server.content)),)
     assert locked(tmp_path) == [
         {
@@ -109,7 +108,7 @@ def hub(server: FileServer) -> Hub:
 def test_a_folder_of_the_hub_with_the_hashes_of_its_listing(server: FileServer, hub: Hub, tmp_path: Path) -> None:
     fetched = fetch_data_set(hub.data_set, tmp_path)
     assert {path.name: path.read_bytes() for path in tmp_path.glob("*.gz")} == hub.files
-    assert dict(zip([file.name for file in fetched.files], fetched.published, strict=True)) == {
+    assert {file.name: file.published for file in fetched.files} == {
         "fall.tar.gz": True,
         "summer.tar.gz": True,
         "winter.tar.gz": True,

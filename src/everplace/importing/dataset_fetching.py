@@ -7,14 +7,15 @@ at the first fetch is written down and wanted from then on (trust on first use).
 from __future__ import annotations
 
 import json
-import re
 import shutil
 import tempfile
 import urllib.parse
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
+
+from pydantic import BaseModel
 
 from everplace.downloads import fetch, sha256_of
 from everplace.errors import DownloadError, InputError, StorageError
@@ -27,8 +28,6 @@ __all__ = ["LOCK_FILE", "Fetched", "default_directory", "fetch_data_set"]
 LOCK_FILE = "fetched.json"
 """What was fetched, in the directory of the files."""
 
-_HASH = re.compile("[0-9a-f]{64}")
-
 
 @dataclass(frozen=True)
 class Fetched:
@@ -37,12 +36,19 @@ class Fetched:
     Attributes:
         directory: Where it is.
         files: Its files; each with its size and hash.
-        published: For each file, whether its hash was published by the source, and not found at the first fetch.
     """
 
     directory: Path
     files: tuple[DataFile, ...]
-    published: tuple[bool, ...]
+
+
+class _Lock(BaseModel):
+    """The content of the lock file."""
+
+    name: str
+    licence: str = ""
+    citation: str = ""
+    files: tuple[DataFile, ...]
 
 
 def default_directory(data_set: DataSet) -> Path:
@@ -72,20 +78,22 @@ def fetch_data_set(
     """
     directory = default_directory(data_set) if directory is None else directory
     lock = directory / LOCK_FILE
-    known = _read_lock(lock, data_set)
-    listed = tuple((file, file.sha256 is not None) for file in _list(data_set)) if known is None else known
-    _require_space(directory, [file for file, _ in listed])
-    for file, has_hash in listed:
-        said = "is published" if has_hash else f"came first (remove {readable(lock)} to trust the new one)"
-        fetch(file.url, file.sha256, directory / file.name, progress, known=said)
-    files = tuple(_measured(directory, file) for file, _ in listed)
-    published = tuple(published for _, published in listed)
-    _write_lock(lock, data_set, files, published)
-    return Fetched(directory, files, published)
+    wanted = _read_lock(lock, data_set) or _list(data_set)
+    _require_space(directory, wanted)
+    files = []
+    for file in wanted:
+        path = directory / file.name
+        said = "is published" if file.published else f"came first (remove {readable(lock)} to trust the new one)"
+        fetch(file.url, file.sha256, path, progress, known=said)
+        files.append(replace(file, sha256=file.sha256 or sha256_of(path), size=path.stat().st_size))
+    content = _Lock(name=data_set.name, licence=data_set.licence, citation=data_set.citation, files=tuple(files))
+    write_json(lock, content.model_dump())
+    return Fetched(directory, content.files)
 
 
 def _list(data_set: DataSet) -> tuple[DataFile, ...]:
-    return (*data_set.files, *(() if data_set.hub is None else _list_hub(data_set.hub)))
+    files = (*data_set.files, *(() if data_set.hub is None else _list_hub(data_set.hub)))
+    return tuple(replace(file, published=file.sha256 is not None) for file in files)
 
 
 def _list_hub(hub: HubFolder) -> tuple[DataFile, ...]:
@@ -128,44 +136,22 @@ def _size(path: Path) -> int:
     return path.stat().st_size if path.is_file() else 0
 
 
-def _measured(directory: Path, file: DataFile) -> DataFile:
-    path = directory / file.name
-    return replace(file, sha256=file.sha256 or sha256_of(path), size=path.stat().st_size)
-
-
-def _read_lock(lock: Path, data_set: DataSet) -> tuple[tuple[DataFile, bool], ...] | None:
-    """Reads what an earlier fetch wrote: the files, and whether their hashes were published; None: there was none.
+def _read_lock(lock: Path, data_set: DataSet) -> tuple[DataFile, ...]:
+    """Reads which files an earlier fetch brought; none: there was no such fetch.
 
     Raises:
-        InputError: It is of another data set, or damaged.
+        InputError: The lock file is of another data set, or damaged.
     """
     try:
-        content = json.loads(lock.read_text(encoding="utf-8"))
-        name = content["name"]
-        files = tuple(
-            (DataFile(file["name"], file["url"], file["sha256"], file["size"]), bool(file["published"]))
-            for file in content["files"]
-        )
-        sound = all(
-            Path(file.name).name == file.name and _HASH.fullmatch(file.sha256 or "") and isinstance(file.size, int)
-            for file, _ in files
-        )
-        if not sound:
+        content = _Lock.model_validate_json(lock.read_bytes())
+        if not all(file.sha256 for file in content.files):
             raise ValueError
     except FileNotFoundError:
-        return None
-    except (OSError, ValueError, LookupError, TypeError) as error:
+        return ()
+    except (OSError, ValueError) as error:
         raise InputError(f"{readable(lock)} is damaged; remove it to fetch {data_set.name} anew") from error
-    if name != data_set.name:
-        raise InputError(f"{readable(lock.parent)} holds the data set {name!r}; choose another place with --out")
-    return files
-
-
-def _write_lock(lock: Path, data_set: DataSet, files: tuple[DataFile, ...], published: tuple[bool, ...]) -> None:
-    content = {
-        "name": data_set.name,
-        "licence": data_set.licence,
-        "citation": data_set.citation,
-        "files": [{**asdict(file), "published": said} for file, said in zip(files, published, strict=True)],
-    }
-    write_json(lock, content)
+    if content.name != data_set.name:
+        raise InputError(
+            f"{readable(lock.parent)} holds the data set {content.name!r}; choose another place with --out"
+        )
+    return content.files
