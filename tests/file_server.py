@@ -35,6 +35,7 @@ class FileServer:
 
     Attributes:
         content: What any path gives that is not among `files`.
+        content_range: What it says of a part, instead of the truth; None: nothing.
         gather: Requests wait here for each other before they are answered.
     """
 
@@ -45,6 +46,7 @@ class FileServer:
     last_modified: str = ""
     content_type: str = "application/octet-stream"
     ranges: bool = True
+    content_range: str | None = ""
     if_range: bool = True
     with_length: bool = True
     troubles: list[Trouble] = field(default_factory=list)
@@ -99,8 +101,9 @@ def handler(server: FileServer) -> type[http.server.BaseHTTPRequestHandler]:
                 self.end_headers()
                 return
             self.send_response(206 if start else 200)
-            if start:
-                self.send_header("Content-Range", f"bytes {start}-{len(content) - 1}/{len(content)}")
+            if start and server.content_range is not None:
+                true = f"bytes {start}-{len(content) - 1}/{len(content)}"
+                self.send_header("Content-Range", server.content_range or true)
             if server.with_length:
                 self.send_header("Content-Length", str(len(content) - start))
             self.send_header("Content-Type", server.content_type)

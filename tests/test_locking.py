@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import multiprocessing
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 from everplace import locking
 from everplace.errors import ConfigError
-from everplace.locking import locked
+from everplace.locking import locked, waiting_turn
 
 
 def test_one_process_at_a_time_writes_into_a_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -22,7 +23,24 @@ def test_one_process_at_a_time_writes_into_a_directory(tmp_path: Path, monkeypat
         with locked(tmp_path / "another"):
             pass
     with locked(out):
-        assert list(out.iterdir()) == []
+        pass
+    assert list(out.iterdir()) == []
+
+
+def test_those_who_want_the_same_file_take_turns(tmp_path: Path) -> None:
+    target = tmp_path / "weights" / "file.bin"
+    inside: list[int] = []
+
+    def make(number: int) -> None:
+        with waiting_turn(target):
+            assert not inside
+            inside.append(number)
+            time.sleep(0.05)
+            inside.remove(number)
+
+    with ThreadPoolExecutor(4) as threads:
+        list(threads.map(make, range(8)))
+    assert list(target.parent.iterdir()) == []
 
 
 @pytest.mark.slow
@@ -36,6 +54,7 @@ def test_the_lock_ends_with_its_process(tmp_path: Path) -> None:
     process.join()
     with locked(tmp_path):
         pass
+    assert [path.name for path in tmp_path.iterdir()] == ["held"]
 
 
 def _hold(out: Path) -> None:

@@ -1,70 +1,73 @@
-"""One writer at a time for a directory."""
+"""One writer at a time, for a directory or a file."""
 
 from __future__ import annotations
 
-import os
-import sys
-import time
+import contextlib
+import errno
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
+
+from filelock import FileLock, Timeout
 
 from everplace.errors import ConfigError, StorageError
 from everplace.files import readable
 
-if sys.platform != "win32":
-    import fcntl
-
-__all__ = ["locked"]
+__all__ = ["locked", "waiting_turn"]
 
 _SECONDS_TO_LET_GO = 10.0
+_WITHOUT_LOCKS = frozenset({errno.ENOLCK, errno.EOPNOTSUPP})
 
 
-@contextmanager
+@contextlib.contextmanager
 def locked(directory: Path) -> Iterator[None]:
     """Keeps other processes from writing into a directory, which is made if missing.
 
-    The system lets go of the lock when the process ends, however it ends. Windows has no such locks.
+    The lock is the file `.lock` in it, which is removed at the end. The system lets go of it when the process ends,
+    however it ends.
 
     Args:
         directory: What `--out` names.
 
     Raises:
         ConfigError: Another process writes into it.
-        StorageError: The directory cannot be made.
+        StorageError: The directory cannot be made or written to.
     """
-    if sys.platform == "win32":
+    # Processes that a run started share the lock, and outlive it by some seconds where it was killed.
+    with _holding(directory / ".lock", _SECONDS_TO_LET_GO):
         yield
-        return
+
+
+@contextlib.contextmanager
+def waiting_turn(target: Path) -> Iterator[None]:
+    """Waits until no other process makes this file, and keeps others waiting meanwhile.
+
+    Raises:
+        StorageError: Its directory cannot be made or written to.
+    """
+    with _holding(target.with_name(f".{target.name}.lock"), -1):
+        yield
+
+
+@contextlib.contextmanager
+def _holding(path: Path, seconds: float) -> Iterator[None]:
+    lock = FileLock(path)
     try:
-        directory.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(directory, os.O_RDONLY)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock.acquire(seconds)
+    except Timeout:
+        raise ConfigError(
+            f"--out {readable(path.parent)} is being written by another process; wait for it to end, or name another"
+        ) from None
     except OSError as error:
-        raise StorageError(f"cannot write {readable(directory)}: {error.strerror}; choose another place") from error
+        # Not every file system has locks; a run must not depend on them.
+        if error.errno not in _WITHOUT_LOCKS:
+            raise StorageError(
+                f"cannot write {readable(path.parent)}: {error.strerror}; choose another place"
+            ) from error
     try:
-        _lock(descriptor, directory)
         yield
     finally:
-        os.close(descriptor)
-
-
-def _lock(descriptor: int, directory: Path) -> None:
-    # Processes that a run started share the lock, and outlive it by some seconds where it was killed.
-    end = time.monotonic() + _SECONDS_TO_LET_GO
-    while not _take(descriptor):
-        if time.monotonic() >= end:
-            raise ConfigError(
-                f"--out {readable(directory)} is being written by another process; wait for it to end, or name another"
-            )
-        time.sleep(0.1)
-
-
-def _take(descriptor: int) -> bool:
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        # Not every file system has locks; a run must not depend on them.
-        return True
-    return True
+        # Before letting go: who waits for it notices and makes a new one. Windows removes it at its release.
+        with contextlib.suppress(OSError):
+            path.unlink()
+        lock.release()

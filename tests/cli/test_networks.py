@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from everplace import downloads
 from everplace.cli import main
 from everplace.describe.methods import alexnet
-from everplace.downloads import fetching
 
 HUBCONF = """
 import torch
@@ -69,7 +69,7 @@ def test_compare_leaves_out_what_has_no_weights_and_says_why(
     monkeypatch.setenv("EVERPLACE_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("EVERPLACE_TRUST_HUB", raising=False)
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "torch"))
-    monkeypatch.setattr(fetching, "_ATTEMPTS_OFFLINE", 1)
+    monkeypatch.setattr(downloads, "_ATTEMPTS", 1)
     monkeypatch.setattr(alexnet, "WEIGHTS", replace(alexnet.WEIGHTS, url="http://127.0.0.1:9/alexnet-7be5be79.pth"))
     kept = method.format(repository)
     left = ["alexnet", f"vgg19:{tmp_path / 'none.pth'}", "hub:some/means:means", f"onnx:{tmp_path / 'none.onnx'}"]

@@ -9,19 +9,12 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from everplace.errors import ConfigError
 from everplace.importing.foreign_route import SourceOptions
-from everplace.importing.kinds import missing_extras, open_kind, option_help, read_options, source_kinds
+from everplace.importing.kinds import missing_extras, open_kind, read_options, source_kinds
+from everplace.settings import explanations
 
 
 class Options(SourceOptions):
-    """Options of a kind.
-
-    Attributes:
-        rate: Frames a second.
-        topics: Which topics to read, the first
-            is the image's.
-        size: Resize.
-        mode: How.
-    """
+    """Options of a kind."""
 
     rate: float = 1.0
     topics: tuple[str, ...] | None = None
@@ -45,7 +38,7 @@ def test_every_kind_has_a_summary_and_explains_its_options() -> None:
     for name, kind in kinds.items():
         assert kind.SUMMARY, name
         assert "\n" not in kind.SUMMARY
-        for option, text in option_help(kind.Options).items():
+        for option, text in explanations(kind.Options).items():
             assert text.removeprefix("[").strip(), f"{name}.{option} is not explained"
 
 
@@ -80,16 +73,9 @@ def test_a_kind_without_options_says_so() -> None:
     class Nothing(SourceOptions):
         pass
 
-    assert option_help(Nothing) == {}
+    assert explanations(Nothing) == {}
     with pytest.raises(ConfigError, match="it has none"):
         read_options("k", Nothing, {"a": "1"})
-
-
-def test_help_comes_from_the_docstring_with_the_default() -> None:
-    told = option_help(Options)
-    assert told["rate"] == "Frames a second. [1.0]"
-    assert told["topics"] == "Which topics to read, the first is the image's."
-    assert told["files"] == ""
 
 
 def test_missing_extras_are_found() -> None:

@@ -9,7 +9,8 @@ import pytest
 from pydantic import BaseModel
 
 from everplace.errors import ConfigError
-from everplace.training.config import CONFIG_FILE, TrainConfig, read_toml, write_config
+from everplace.settings import read_toml
+from everplace.training.config import CONFIG_FILE, TrainConfig, write_config
 
 
 @pytest.mark.parametrize(
@@ -85,21 +86,6 @@ def test_config_toml_gives_the_configuration_back(tmp_path: Path, length: dict[s
     write_config(tmp_path, config)
     assert TrainConfig.model_validate(read_toml(tmp_path / CONFIG_FILE)) == config
     assert TrainConfig.build(**read_toml(tmp_path / CONFIG_FILE)) == config
-
-
-def test_a_config_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    with pytest.raises(ConfigError, match=r"--config .*mine\.toml cannot be read \(No such file"):
-        read_toml(path)
-    path.write_text("epochs = ")
-    with pytest.raises(ConfigError, match=r"mine\.toml is not TOML"):
-        read_toml(path)
-    path.write_bytes(b'a = "\xff"')
-    with pytest.raises(ConfigError, match=r"mine\.toml is not TOML"):
-        read_toml(path)
-    path.write_text("a = " + "[" * 100_000)
-    with pytest.raises(ConfigError, match=r"mine\.toml is (nested too deeply|not TOML)"):
-        read_toml(path)
 
 
 def test_a_faithful_run_has_no_remedy_and_the_best_names_its_own() -> None:

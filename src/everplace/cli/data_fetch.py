@@ -66,12 +66,12 @@ def fetch(
     }
     if as_json:
         result["files"] = [
-            {"name": file.name, "bytes": file.size, "sha256": file.sha256, "published": published}
-            for file, published in zip(fetched.files, fetched.published, strict=True)
+            {"name": file.name, "bytes": file.size, "sha256": file.sha256, "published": file.published}
+            for file in fetched.files
         ]
     else:
         result["files"] = [file.name for file in fetched.files]
-    if not all(fetched.published):
+    if not all(file.published for file in fetched.files):
         warn(f"no hash is published for {name}; the one found is written down and wanted from now on")
     show_result(result, as_json)
 

@@ -62,13 +62,14 @@ def list_(as_json: Json = False) -> None:
     Example: everplace data list
     """
     from everplace.importing.catalogue import DATA_SETS
-    from everplace.importing.kinds import missing_extras, option_help, source_kinds
+    from everplace.importing.kinds import missing_extras, source_kinds
+    from everplace.settings import explanations
 
     kinds: dict[str, dict[str, Any]] = {
         name: {
             "summary": kind.SUMMARY,
             "missing": [f"pip install 'everplace[{extra}]'" for extra in missing_extras(kind)],
-            "options": option_help(kind.Options),
+            "options": explanations(kind.Options),
             "data_sets": {
                 one.name: {"summary": one.summary, "licence": one.licence, "unavailable": one.unavailable}
                 for one in DATA_SETS

@@ -41,6 +41,16 @@ def register(app: typer.Typer) -> None:
     app.command("train")(train)
 
 
+def _show_settings(model: str) -> None:
+    """Prints all settings of a model and ends the command."""
+    if model:
+        from everplace.training.fitted_methods import FITTED_METHODS, settings_toml
+
+        one_of(model, "--settings", (*FITTED_METHODS, "best"))
+        print(settings_toml(model))
+        raise typer.Exit
+
+
 def train(
     route: RouteArgument,
     model: Annotated[str, typer.Option("--model", metavar="vae|c-vae|cp-vae|cae|fabmap", help="Which method to fit.")],
@@ -63,6 +73,16 @@ def train(
         Optional[Path],  # noqa: UP045
         typer.Option("--config", metavar="FILE.toml", help="Settings; options given beside it count more."),
     ] = None,
+    settings: Annotated[  # noqa: ARG001
+        str,
+        typer.Option(
+            "--settings",
+            metavar="MODEL|best",
+            is_eager=True,
+            callback=_show_settings,
+            help="Print all settings of a model, or of the recipe best, as a file for --config, and stop.",
+        ),
+    ] = "",
     resume: Annotated[bool, typer.Option("--resume", help="Continue where the run in --out stands.")] = False,
     devices: Annotated[int, typer.Option("--devices", min=1, help="Devices on this machine (DDP).")] = 1,
     nodes: Annotated[int, typer.Option("--nodes", min=1, help="Machines (DDP).")] = 1,
@@ -75,7 +95,7 @@ def train(
 
     Example: everplace train my-route --model cp-vae --image-size 224 224 --epochs 40 --out runs/cp-vae
     """
-    from everplace.training.config import read_toml
+    from everplace.settings import read_toml
     from everplace.training.fitted_methods import FITTED_METHODS, build_config, fit_method
 
     one_of(model, "--model", FITTED_METHODS)
@@ -93,7 +113,7 @@ def train(
         "recipe": recipe or None,
     }
     options = {"model": model} | {key: value for key, value in given.items() if value is not None}
-    values = (read_toml(config) if config is not None else {}) | options
+    values = (read_toml(config, f"--config {readable(config)}") if config is not None else {}) | options
     if epochs is not None and minutes is None:
         values.pop("minutes", None)
     if minutes is not None and epochs is None:

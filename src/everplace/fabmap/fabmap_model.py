@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from everplace.errors import CheckpointError
 from everplace.fabmap.chow_liu import ChowLiuTree
@@ -21,6 +21,7 @@ from everplace.fabmap.vocabulary import FEATURE_DIMENSIONS, sift_features, words
 from everplace.files import readable
 from everplace.model.checkpoint import CHECKPOINT_NAME
 from everplace.model.provenance import stems_seen
+from everplace.settings import Settings, first_problem
 from everplace.tensor_file import load_tensors, save_tensors
 
 __all__ = ["FabMap", "FabMapConfig", "load_fabmap", "save_fabmap"]
@@ -29,26 +30,21 @@ _FORMAT = 1
 _TREE = ("parent", "present", "after_present", "after_absent")
 
 
-class FabMapConfig(BaseModel):
-    """What decides how an image becomes words, and words probabilities.
-
-    Attributes:
-        words: Size W of the vocabulary.
-        keypoints: The strongest SIFT keypoints of an image that are kept; 0: all.
-        smallest_side: Images whose short side is below so many pixels are enlarged to it; 0: never.
-        image_size: (H, W) to which images are stretched first; None: as stored.
-        new_place: How likely an observation is at a new place: by mean field, or averaged over sampled frames.
-        samples: Most training frames that `sampled` averages over (openFABMAP: 3,000).
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+class FabMapConfig(Settings):
+    """What decides how an image becomes words, and words probabilities."""
 
     words: Annotated[int, Field(ge=2, le=2**16)] = 1500
+    """Size W of the vocabulary."""
     keypoints: Annotated[int, Field(ge=0, le=2**20)] = 500
+    """The strongest SIFT keypoints of an image that are kept; 0: all."""
     smallest_side: Annotated[int, Field(ge=0, le=1024)] = 128
+    """Images whose short side is below so many pixels are enlarged to it; 0: never."""
     image_size: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] | None = None
+    """(H, W) to which images are stretched first; without it, as stored."""
     new_place: Literal["mean-field", "sampled"] = "mean-field"
+    """How likely an observation is at a new place: by mean field, or averaged over sampled frames."""
     samples: Annotated[int, Field(ge=1)] = 3000
+    """Most training frames that `sampled` averages over (openFABMAP: 3,000)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,10 +129,10 @@ def load_fabmap(run: Path) -> FabMap:
         )
         config = FabMapConfig.model_validate(values)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "model"
+        problem = first_problem(error, FabMapConfig)
         raise CheckpointError(
-            f"{readable(run / CHECKPOINT_NAME)}.json describes no FAB-MAP: {where}: {first['msg']}; train again"
+            f"{readable(run / CHECKPOINT_NAME)}.json describes no FAB-MAP: {problem.setting or 'model'}: "
+            f"{problem.reason}; train again"
         ) from None
     arrays = {name: tensor.numpy() for name, tensor in tensors.items()}
     if not _fits(config, arrays):

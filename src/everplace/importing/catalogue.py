@@ -7,6 +7,9 @@ only if they publish it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
 
 from everplace.errors import ConfigError
 from everplace.files import readable
@@ -21,14 +24,16 @@ class DataFile:
     Attributes:
         name: What it is called on disk.
         url: Where it is.
-        sha256: Its published hash; None: none is published.
-        size: Its published size in bytes; None: not known.
+        sha256: The hash it must have; None: none is published.
+        size: Its size in bytes; None: not known.
+        published: Whether the source publishes the hash; else it was found at the first fetch.
     """
 
-    name: str
+    name: Annotated[str, Field(pattern=r"^[^/\\]+$")]
     url: str
-    sha256: str | None = None
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
     size: int | None = None
+    published: bool = False
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,17 @@ at the first fetch is written down and wanted from then on (trust on first use).
 from __future__ import annotations
 
 import json
-import re
 import shutil
 import tempfile
 import urllib.parse
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from everplace.downloads import Download, Patience, fetch, fetch_all, sha256_of
+from pydantic import BaseModel
+
+from everplace.downloads import fetch, sha256_of
 from everplace.errors import DownloadError, InputError, StorageError
 from everplace.files import cache_directory, readable, write_json
 from everplace.importing.catalogue import DataFile, DataSet, HubFolder
@@ -26,8 +28,6 @@ __all__ = ["LOCK_FILE", "Fetched", "default_directory", "fetch_data_set"]
 LOCK_FILE = "fetched.json"
 """What was fetched, in the directory of the files."""
 
-_HASH = re.compile("[0-9a-f]{64}")
-
 
 @dataclass(frozen=True)
 class Fetched:
@@ -36,12 +36,19 @@ class Fetched:
     Attributes:
         directory: Where it is.
         files: Its files; each with its size and hash.
-        published: For each file, whether its hash was published by the source, and not found at the first fetch.
     """
 
     directory: Path
     files: tuple[DataFile, ...]
-    published: tuple[bool, ...]
+
+
+class _Lock(BaseModel):
+    """The content of the lock file."""
+
+    name: str
+    licence: str = ""
+    citation: str = ""
+    files: tuple[DataFile, ...]
 
 
 def default_directory(data_set: DataSet) -> Path:
@@ -53,16 +60,13 @@ def fetch_data_set(
     data_set: DataSet,
     directory: Path | None = None,
     progress: Progress = quiet,
-    *,
-    patience: Patience | None = None,
 ) -> Fetched:
-    """Fetches the files of a data set, several at a time; what is there already is only checked.
+    """Fetches the files of a data set, one after the other; what is there already is only checked.
 
     Args:
         data_set: From the catalogue.
         directory: Where to put it; None: `default_directory`.
-        progress: Told of the mebibytes that have come.
-        patience: How long to wait for the servers; None: the defaults.
+        progress: Told of the pieces of each file that have come.
 
     Returns:
         What is on disk then.
@@ -74,30 +78,29 @@ def fetch_data_set(
     """
     directory = default_directory(data_set) if directory is None else directory
     lock = directory / LOCK_FILE
-    known = _read_lock(lock, data_set)
-    listed = tuple((file, file.sha256 is not None) for file in _list(data_set, patience)) if known is None else known
-    first = f"came first (remove {readable(lock)} to trust the new one)"
-    downloads = [
-        Download(file.url, directory / file.name, file.sha256, file.size, "is published" if published else first)
-        for file, published in listed
-    ]
-    _require_space(directory, downloads)
-    fetch_all(downloads, progress, patience=patience)
-    files = tuple(_measured(directory, file) for file, _ in listed)
-    published = tuple(published for _, published in listed)
-    _write_lock(lock, data_set, files, published)
-    return Fetched(directory, files, published)
+    wanted = _read_lock(lock, data_set) or _list(data_set)
+    _require_space(directory, wanted)
+    files = []
+    for file in wanted:
+        path = directory / file.name
+        said = "is published" if file.published else f"came first (remove {readable(lock)} to trust the new one)"
+        fetch(file.url, file.sha256, path, progress, known=said)
+        files.append(replace(file, sha256=file.sha256 or sha256_of(path), size=path.stat().st_size))
+    content = _Lock(name=data_set.name, licence=data_set.licence, citation=data_set.citation, files=tuple(files))
+    write_json(lock, content.model_dump())
+    return Fetched(directory, content.files)
 
 
-def _list(data_set: DataSet, patience: Patience | None) -> tuple[DataFile, ...]:
-    return (*data_set.files, *(() if data_set.hub is None else _list_hub(data_set.hub, patience)))
+def _list(data_set: DataSet) -> tuple[DataFile, ...]:
+    files = (*data_set.files, *(() if data_set.hub is None else _list_hub(data_set.hub)))
+    return tuple(replace(file, published=file.sha256 is not None) for file in files)
 
 
-def _list_hub(hub: HubFolder, patience: Patience | None) -> tuple[DataFile, ...]:
+def _list_hub(hub: HubFolder) -> tuple[DataFile, ...]:
     """Asks the Hub for the files of a folder; large ones have their SHA-256 in the listing."""
     url = f"{hub.server}/api/datasets/{hub.repository}/tree/main/{hub.folder}"
     with tempfile.TemporaryDirectory() as scratch:
-        text = fetch(url, None, Path(scratch) / "listing.json", patience=patience).read_text(encoding="utf-8")
+        text = fetch(url, None, Path(scratch) / "listing.json").read_text(encoding="utf-8")
     try:
         files = tuple(_hub_file(hub, item) for item in json.loads(text) if item["type"] == "file")
     except (ValueError, KeyError, TypeError) as error:
@@ -117,9 +120,9 @@ def _hub_file(hub: HubFolder, item: dict[str, Any]) -> DataFile:
     )
 
 
-def _require_space(directory: Path, downloads: list[Download]) -> None:
+def _require_space(directory: Path, files: Sequence[DataFile]) -> None:
     """Raises `StorageError` before a byte is fetched, if what is missing cannot fit."""
-    missing = sum(_missing(download) for download in downloads)
+    missing = sum(max(0, (file.size or 0) - _size(directory / file.name)) for file in files)
     existing = next(path for path in (directory, *directory.absolute().parents) if path.exists())
     free = shutil.disk_usage(existing).free
     if missing > free:
@@ -129,49 +132,26 @@ def _require_space(directory: Path, downloads: list[Download]) -> None:
         )
 
 
-def _missing(download: Download) -> int:
-    there = download.target.stat().st_size if download.target.is_file() else 0
-    return max(0, (download.size or 0) - there)
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.is_file() else 0
 
 
-def _measured(directory: Path, file: DataFile) -> DataFile:
-    path = directory / file.name
-    return replace(file, sha256=file.sha256 or sha256_of(path), size=path.stat().st_size)
-
-
-def _read_lock(lock: Path, data_set: DataSet) -> tuple[tuple[DataFile, bool], ...] | None:
-    """Reads what an earlier fetch wrote: the files, and whether their hashes were published; None: there was none.
+def _read_lock(lock: Path, data_set: DataSet) -> tuple[DataFile, ...]:
+    """Reads which files an earlier fetch brought; none: there was no such fetch.
 
     Raises:
-        InputError: It is of another data set, or damaged.
+        InputError: The lock file is of another data set, or damaged.
     """
     try:
-        content = json.loads(lock.read_text(encoding="utf-8"))
-        name = content["name"]
-        files = tuple(
-            (DataFile(file["name"], file["url"], file["sha256"], file["size"]), bool(file["published"]))
-            for file in content["files"]
-        )
-        sound = all(
-            Path(file.name).name == file.name and _HASH.fullmatch(file.sha256 or "") and isinstance(file.size, int)
-            for file, _ in files
-        )
-        if not sound:
+        content = _Lock.model_validate_json(lock.read_bytes())
+        if not all(file.sha256 for file in content.files):
             raise ValueError
     except FileNotFoundError:
-        return None
-    except (OSError, ValueError, LookupError, TypeError) as error:
+        return ()
+    except (OSError, ValueError) as error:
         raise InputError(f"{readable(lock)} is damaged; remove it to fetch {data_set.name} anew") from error
-    if name != data_set.name:
-        raise InputError(f"{readable(lock.parent)} holds the data set {name!r}; choose another place with --out")
-    return files
-
-
-def _write_lock(lock: Path, data_set: DataSet, files: tuple[DataFile, ...], published: tuple[bool, ...]) -> None:
-    content = {
-        "name": data_set.name,
-        "licence": data_set.licence,
-        "citation": data_set.citation,
-        "files": [{**asdict(file), "published": said} for file, said in zip(files, published, strict=True)],
-    }
-    write_json(lock, content)
+    if content.name != data_set.name:
+        raise InputError(
+            f"{readable(lock.parent)} holds the data set {content.name!r}; choose another place with --out"
+        )
+    return content.files

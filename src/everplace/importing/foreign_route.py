@@ -9,10 +9,10 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
 
 from everplace.route.traverse import Pose
 from everplace.route.truth import TruthPair
+from everplace.settings import Settings
 
 __all__ = ["Content", "Encoded", "ForeignFrame", "ForeignRoute", "ForeignTraverse", "Source", "SourceOptions"]
 
@@ -90,10 +90,8 @@ class ForeignRoute:
     aligned: bool = True
 
 
-class SourceOptions(BaseModel):
-    """Base of the options of a kind, given as `--set name=value`; their docstrings are the help."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+class SourceOptions(Settings):
+    """Base of the options of a kind, given as `--set name=value`; the string under a field is its help."""
 
 
 class Source(Protocol):

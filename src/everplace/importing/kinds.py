@@ -1,28 +1,25 @@
-"""The kinds of sources that can be imported, and their options: a kind is a module of `data/sources`."""
+"""The kinds of sources that can be imported, and their options: a kind is a module of `importing/sources`."""
 
 from __future__ import annotations
 
 import importlib
 import importlib.util
-import inspect
 import pkgutil
-import re
 import types
 from collections.abc import Mapping
 from typing import Any, Union, cast, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
-from pydantic_core import PydanticUndefined
 
 from everplace.errors import ConfigError
 from everplace.files import readable
 from everplace.importing import sources
 from everplace.importing.foreign_route import Source
+from everplace.settings import first_problem
 
-__all__ = ["missing_extras", "open_kind", "option_help", "read_options", "source_kinds"]
+__all__ = ["missing_extras", "open_kind", "read_options", "source_kinds"]
 
 _LISTS = (list, set, frozenset)
-_ATTRIBUTE = re.compile(r" {8}(\w+): (.*)")
 
 
 def source_kinds() -> dict[str, Source]:
@@ -57,24 +54,6 @@ def missing_extras(kind: Source) -> list[str]:
     return sorted({extra for package, extra in extras.items() if importlib.util.find_spec(package) is None})
 
 
-def option_help(options: type[BaseModel]) -> dict[str, str]:
-    """Returns what the docstring of an options class says about each option, with its default."""
-    described: dict[str, str] = {}
-    for base in reversed(options.__mro__):  # a class may inherit options that its own docstring does not repeat
-        name = ""
-        for line in inspect.cleandoc(base.__dict__.get("__doc__") or "").splitlines():
-            match = _ATTRIBUTE.fullmatch("    " + line)
-            if match is not None:
-                name = match[1]
-                described[name] = match[2].strip()
-            elif name and line.strip():
-                described[name] += " " + line.strip()
-    return {
-        option: " ".join(filter(None, (described.get(option, ""), _default(field.default))))
-        for option, field in options.model_fields.items()
-    }
-
-
 def read_options(kind: str, options: type[BaseModel], given: Mapping[str, str]) -> BaseModel:
     """Turns texts into a kind's options; a list's items are separated by commas.
 
@@ -93,12 +72,11 @@ def read_options(kind: str, options: type[BaseModel], given: Mapping[str, str]) 
     try:
         return options.model_validate(values)
     except ValidationError as error:
-        problem = error.errors(include_url=False)[0]
-        what = problem["msg"].removeprefix("Value error, ")
-        name = str(problem["loc"][0]) if problem["loc"] else ""
+        problem = first_problem(error, options)
+        name = problem.setting.partition(".")[0]  # an item of a list is told by the list
         if name in given:
-            raise ConfigError(f"--set {name}={readable(given[name])} cannot be: {what}") from error
-        raise ConfigError(f"options of the kind {kind!r}: {f'{name}: ' if name else ''}{what}") from error
+            raise ConfigError(f"--set {name}={readable(given[name])} cannot be: {problem.reason}") from error
+        raise ConfigError(f"options of the kind {kind!r}: {problem.reason}") from error
 
 
 def _is_list(annotation: Any) -> bool:
@@ -107,10 +85,3 @@ def _is_list(annotation: Any) -> bool:
     if origin in (Union, types.UnionType):
         return any(_is_list(part) for part in get_args(annotation))
     return origin in _LISTS or (origin is tuple and get_args(annotation)[1:] == (...,))
-
-
-def _default(value: object) -> str:
-    """Shows a default that says something."""
-    if isinstance(value, list | tuple | set | frozenset):
-        value = ",".join(map(str, value))
-    return "" if value in (None, "", PydanticUndefined) else f"[{value}]"

@@ -25,36 +25,33 @@ _SAMPLING = ("every_frames", "every_seconds", "every_metres", "change")
 
 
 class RecordingOptions(SourceOptions):
-    """Options of every kind of recording.
-
-    Attributes:
-        every_frames: Keep every n-th frame.
-        every_seconds: Keep one frame in so many seconds.
-        every_metres: Keep one frame in so many metres of the way travelled; needs poses.
-        change: Keep a frame once its 64×32 grey picture correlates with that of the last one kept by no more than
-            this; 0.95 leaves out what a vehicle sees while it stands.
-        size: Resize while reading, such as 320x240 (width × height); by default as stored.
-        conditions: The condition of each drive, in natural order of the drives' names; by default the names.
-        stems: shared numbers the frames of each drive from 000000 on, so that the i-th frames of all drives are the
-            same place; own puts the drive's name before the number, for drives that are not in step; file keeps the
-            names, or the numbers, that they have in the recording.
-        aligned: Whether equal stems in two drives are the same place; true or false. By default they are, unless images
-            of a route are read under their own names whose route.toml denies it.
-        pose_limit: Seconds up to which a pose may be away from the frame it is for; between two that are near
-            enough it is interpolated.
-        without_pose: What to do where a recording has poses but none near a frame: refuse, or drop the frame.
-    """
+    """Options of every kind of recording."""
 
     every_frames: Annotated[int, Field(ge=1)] | None = None
+    """Keep every n-th frame."""
     every_seconds: _Positive | None = None
+    """Keep one frame in so many seconds."""
     every_metres: _Positive | None = None
+    """Keep one frame in so many metres of the way travelled; needs poses."""
     change: Annotated[float, Field(ge=-1, lt=1)] | None = None
+    """Keep a frame once its 64×32 grey picture correlates with that of the last one kept by no more than this; 0.95
+    leaves out what a vehicle sees while it stands."""
     size: Annotated[tuple[int, int] | None, BeforeValidator(parse_size)] = None
+    """Resize while reading, such as 320x240 (width × height); by default as stored."""
     conditions: tuple[Annotated[str, Field(min_length=1)], ...] = ()
+    """The condition of each drive, in natural order of the drives' names; by default the names."""
     stems: Literal["shared", "own", "file"] = "shared"
+    """shared numbers the frames of each drive from 000000 on, so that the i-th frames of all drives are the same place;
+    own puts the drive's name before the number, for drives that are not in step; file keeps the names, or the numbers,
+    that they have in the recording."""
     aligned: bool | None = None
+    """Whether equal stems in two drives are the same place; true or false. By default they are, unless images of a
+    route are read under their own names whose route.toml denies it."""
     pose_limit: _Positive = 0.5
+    """Seconds up to which a pose may be away from the frame it is for; between two that are near enough it is
+    interpolated."""
     without_pose: Literal["refuse", "drop"] = "refuse"
+    """What to do where a recording has poses but none near a frame: refuse, or drop the frame."""
 
     @model_validator(mode="after")
     def _one_sampling(self) -> RecordingOptions:

@@ -11,9 +11,11 @@ import math
 from typing import Annotated
 
 import torch
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from torch import Tensor
 from torch.nn import functional
+
+from everplace.settings import Settings
 
 __all__ = [
     "LOG_SIGMA_FLOOR",
@@ -36,10 +38,8 @@ LOG_SIGMA_FLOOR = -6.0
 _Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
-class Weights(BaseModel):
+class Weights(Settings):
     """Weights of the terms of a bound ("weighted Eq. 1, 3, 5"); all 1 is the bound as the paper writes it."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     image: _Weight = 1.0
     """Of log p(x|z), summed over pixels."""

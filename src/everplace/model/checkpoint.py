@@ -16,6 +16,7 @@ from everplace.files import readable
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.model_config import ModelConfig
 from everplace.model.provenance import plain_values, stems_seen
+from everplace.settings import first_problem
 from everplace.tensor_file import load_tensors, save_tensors
 
 __all__ = ["CHECKPOINT_NAME", "Checkpoint", "load_checkpoint", "save_checkpoint"]
@@ -79,10 +80,10 @@ def load_checkpoint(run: str | Path) -> Checkpoint:
     try:
         config = ModelConfig.model_validate(document.get("model"))
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "model"
+        problem = first_problem(error, ModelConfig)
         raise CheckpointError(
-            f"{readable(run / CHECKPOINT_NAME)}.json describes no model: {where}: {first['msg']}; train again"
+            f"{readable(run / CHECKPOINT_NAME)}.json describes no model: {problem.setting or 'model'}: "
+            f"{problem.reason}; train again"
         ) from None
     about = document.get("about")
     model = _model(run, config, tensors).eval()

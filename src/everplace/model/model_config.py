@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from everplace.settings import Settings
 
 __all__ = ["LABELLED_KINDS", "MODEL_KINDS", "ModelConfig", "ModelKind", "PlaceTerm"]
 
@@ -17,38 +19,31 @@ PlaceTerm = Literal["classes", "position"]
 PositiveInt = Annotated[int, Field(gt=0)]
 
 
-class ModelConfig(BaseModel):
-    """The shape of a model; together with its weights it is all that a checkpoint needs.
-
-    Attributes:
-        kind: `vae` (Eq. 1), `c-vae` (Eq. 3), `cp-vae` (Eq. 5), or `cae`, a plain convolutional autoencoder.
-        height: Image height H in pixels, a multiple of 32.
-        width: Image width W in pixels, a multiple of 32.
-        channels: 3 for RGB, 1 for grey.
-        conditions: Names of the conditions, in the order of the condition head's classes.
-        places: Number of training places, the classes of the place head (`cp-vae` only, else 0; 0 too where a
-            contrastive term stands in for the classes).
-        place_term: What p(p|z_p) tells: the `classes`, or the `position` along the route.
-        fully_connected: Table 1's chain of fully connected layers; without it z is read off the feature map.
-        oriented_gradients: The mean of z_p is a linear projection of oriented gradients instead of the feature map
-            (`cp-vae` only).
-        place_dimensions: Size of z_p, the condition-invariant block (the paper: 96).
-        condition_dimensions: Size of z_c, the condition-sensitive block (the paper: 32).
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+class ModelConfig(Settings):
+    """The shape of a model; together with its weights it is all that a checkpoint needs."""
 
     kind: ModelKind
+    """`vae` (Eq. 1), `c-vae` (Eq. 3), `cp-vae` (Eq. 5), or `cae`, a plain convolutional autoencoder."""
     height: PositiveInt = 224
+    """Image height H in pixels, a multiple of 32."""
     width: PositiveInt = 224
+    """Image width W in pixels, a multiple of 32."""
     channels: Literal[1, 3] = 3
+    """3 for RGB, 1 for grey."""
     conditions: tuple[str, ...] = ()
+    """Names of the conditions, in the order of the condition head's classes."""
     places: Annotated[int, Field(ge=0)] = 0
+    """Number of training places, the classes of the place head (`cp-vae` only, else 0)."""
     place_term: PlaceTerm = "classes"
+    """What p(p|z_p) tells: the `classes`, or the `position` along the route."""
     fully_connected: bool = True
+    """Table 1's chain of fully connected layers; without it z is read off the feature map."""
     oriented_gradients: bool = False
+    """The mean of z_p is a linear projection of oriented gradients instead of the feature map (`cp-vae` only)."""
     place_dimensions: PositiveInt = 96
+    """Size of z_p, the condition-invariant block (the paper: 96)."""
     condition_dimensions: PositiveInt = 32
+    """Size of z_c, the condition-sensitive block (the paper: 32)."""
 
     @model_validator(mode="after")
     def _check(self) -> ModelConfig:

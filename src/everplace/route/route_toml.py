@@ -17,19 +17,13 @@ All of it is optional:
 
 from __future__ import annotations
 
-import sys
+import os
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from everplace.errors import ConfigError
-from everplace.files import readable
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from everplace.settings import Settings, read_settings
 
 __all__ = ["ROUTE_TOML", "RouteToml", "TraverseToml", "read_route_toml"]
 
@@ -38,45 +32,35 @@ ROUTE_TOML = "route.toml"
 _Text = Annotated[str, Field(min_length=1)]
 
 
-class TraverseToml(BaseModel):
-    """What route.toml says about one traverse.
-
-    Attributes:
-        condition: The condition; None: the traverse's name.
-        pattern: A shell pattern that file names must match; None: every file with an image's ending.
-        poses: A CSV file, from the route's directory; None: `poses.csv` in the traverse, if it is there.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+class TraverseToml(Settings, strict=True):
+    """What route.toml says about one traverse."""
 
     condition: _Text | None = None
+    """The condition; None: the traverse's name."""
     pattern: Annotated[str, Field(min_length=1, pattern=r"^[^/]+$")] | None = None
+    """A shell pattern that file names must match; None: every file with an image's ending."""
     poses: _Text | None = None
+    """A CSV file, from the route's directory; None: `poses.csv` in the traverse, if it is there."""
 
 
-class RouteToml(BaseModel):
-    """What route.toml says.
-
-    Attributes:
-        aligned: Whether equal stems in two traverses are the same place.
-        tolerance: Frames by which a match may be off; None: not said.
-        radius: Metres by which a match may be off; None: not said. Not beside `tolerance`.
-        truth: A CSV file of pairs, from the route's directory (see `data.truth.TruthTable`); None: there is
-            none. Not beside the other two.
-        ignore: Names of sub-directories that are no traverses.
-        protocol: The published protocol that chose the frames; None: none.
-        traverses: What is said about single traverses, by name.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+class RouteToml(Settings, strict=True):
+    """What route.toml says."""
 
     aligned: bool = True
+    """Whether equal stems in two traverses are the same place."""
     tolerance: Annotated[int, Field(ge=0)] | None = None
+    """Frames by which a match may be off; None: not said."""
     radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """Metres by which a match may be off; None: not said. Not beside `tolerance`."""
     truth: _Text | None = None
+    """A CSV file of pairs, from the route's directory (see `route.truth.TruthTable`); None: there is none. Not beside
+    the other two."""
     ignore: tuple[_Text, ...] = Field(default=(), strict=False)
+    """Names of sub-directories that are no traverses."""
     protocol: _Text | None = None
-    traverses: dict[str, TraverseToml] = {}
+    """The published protocol that chose the frames; None: none."""
+    traverses: dict[str, TraverseToml] = Field(default={})
+    """What is said about single traverses, by name."""
 
     @model_validator(mode="after")
     def _one_truth(self) -> RouteToml:
@@ -94,30 +78,4 @@ def read_route_toml(route: Path) -> RouteToml:
             the message names the file and the key.
     """
     path = route / ROUTE_TOML
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (FileNotFoundError, NotADirectoryError):
-        return RouteToml()
-    except OSError as error:
-        raise ConfigError(f"cannot read {readable(path)}: {error.strerror or error}; check its permissions") from error
-    except RecursionError as error:
-        raise ConfigError(f"{readable(path)} nests its values too deeply; correct it") from error
-    except ValueError as error:  # not UTF-8, not TOML, or a number of thousands of digits
-        raise ConfigError(f"{readable(path)} is not valid TOML ({error}); correct it") from error
-    try:
-        return RouteToml.model_validate(content)
-    except ValidationError as error:
-        raise ConfigError(_first_problem(path, error)) from error
-
-
-def _first_problem(path: Path, error: ValidationError) -> str:
-    """Says in one sentence which key is wrong."""
-    problem = error.errors(include_url=False)[0]
-    location = problem["loc"]
-    key = ".".join(str(part) for part in location)
-    if problem["type"] == "extra_forbidden":
-        model = TraverseToml if location[0] == "traverses" else RouteToml
-        known = ", ".join(sorted(model.model_fields))
-        return f"unknown key {key!r} in {readable(path)}; known here: {known}"
-    what = problem["msg"].removeprefix("Value error, ")
-    return f"wrong value of {key!r} in {readable(path)}: {what}" if key else f"{readable(path)}: {what}"
+    return read_settings(path, RouteToml) if os.path.lexists(path) else RouteToml()

@@ -7,7 +7,9 @@ from typing import Annotated
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from everplace.settings import Settings
 
 __all__ = ["Augmentation", "augment", "augmentation_rng"]
 
@@ -15,10 +17,8 @@ _Below1 = Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
 _UpTo1 = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 
 
-class Augmentation(BaseModel):
+class Augmentation(Settings):
     """How much an image may change; every amount is drawn evenly between none and the value given here."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     shift: _Below1 = 0.0
     """Largest move to either side, as a fraction of the image's height and width."""

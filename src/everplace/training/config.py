@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from everplace.errors import ConfigError, SettingError
-from everplace.files import readable, write_text
+from everplace.files import write_text
 from everplace.model.bounds import Weights
 from everplace.model.model_config import ModelKind, PlaceTerm
+from everplace.settings import Settings, explanations, first_problem
 from everplace.training.augment import Augmentation
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 __all__ = [
     "CONFIG_FILE",
@@ -26,7 +21,6 @@ __all__ = [
     "FitConfig",
     "PlaceProjection",
     "TrainConfig",
-    "read_toml",
     "write_config",
 ]
 
@@ -38,13 +32,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _Config = TypeVar("_Config", bound="FitConfig")
 
 
-class Section(BaseModel):
-    """A table whose values do not change and whose keys are known."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
-
-
-class PlaceProjection(Section):
+class PlaceProjection(Settings):
     """How the projection of oriented gradients to z_p is fitted and trained."""
 
     ridge: Positive = 2.0
@@ -58,7 +46,7 @@ class PlaceProjection(Section):
     """Learning rate of the projection, as a fraction of the others'; 0 leaves it as it was fitted."""
 
 
-class FitConfig(Section):
+class FitConfig(Settings):
     """What every method that is fitted is told: itself, what of the route it is fitted on, and its seed."""
 
     model: str
@@ -87,15 +75,14 @@ class FitConfig(Section):
         try:
             return cls.model_validate(_merge(cls._defaults(values), values))
         except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"]) or "configuration"
-            message = first["msg"].removeprefix("Value error, ")
-            if first["type"] == "extra_forbidden":
-                known = _section_of(cls, first["loc"]).model_fields
-                message = f"there is no such setting; known are {', '.join(known)}"
-            elif first["type"] != "value_error" and isinstance(first["input"], int | float | str):
-                message += f", not {first['input']!r}"
-            raise SettingError(where, message) from None
+            problem = first_problem(error, cls)
+            reason, explained = problem.reason, explanations(cls).get(problem.setting)
+            if problem.known is not None:
+                reason = f"there is no such setting; known are {', '.join(problem.known)}"
+            elif problem.kind != "value_error" and isinstance(problem.value, int | float | str):
+                reason += f", not {problem.value!r}"
+            reason += f" ({problem.setting}: {explained})" if explained else ""
+            raise SettingError(problem.setting or "configuration", reason) from None
 
     @classmethod
     def _defaults(cls, values: dict[str, Any]) -> dict[str, Any]:  # noqa: ARG003
@@ -217,38 +204,10 @@ def _recipe(model: str, name: str) -> dict[str, Any]:
     return {**defaults, **_BEST, "weights": {**_LABEL_WEIGHTS[model], "image": 0.1}}
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Reads the values of a `--config` file.
-
-    Raises:
-        ConfigError: The file is missing or is no TOML.
-    """
-    try:
-        return tomllib.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise ConfigError(f"--config {readable(path)} cannot be read ({error.strerror}); check the path") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"--config {readable(path)} is not TOML: {error}") from None
-    except RecursionError:
-        raise ConfigError(
-            f"--config {readable(path)} is nested too deeply; write it as the documentation does"
-        ) from None
-
-
 def write_config(run: Path, config: FitConfig) -> None:
     """Writes config.toml into a run directory."""
     values = config.model_dump(mode="json", exclude_none=True)
     write_text(run / CONFIG_FILE, tomli_w.dumps(values))
-
-
-def _section_of(config: type[BaseModel], location: tuple[int | str, ...]) -> type[BaseModel]:
-    """The table that holds a setting, by the names that lead to it."""
-    for name in location[:-1]:
-        field = config.model_fields.get(str(name))
-        if field is None or not isinstance(field.annotation, type) or not issubclass(field.annotation, BaseModel):
-            break
-        config = field.annotation
-    return config
 
 
 def _merge(under: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from everplace.model.condition_vae import ConditionVAE
 from everplace.model.model_config import ModelConfig
 from everplace.progress import Progress, quiet
 from everplace.route.route import Route
+from everplace.settings import first_problem
 from everplace.training.config import TrainConfig
 from everplace.training.devices import launch, own_device, require_devices, torch_settings_kept
 from everplace.training.display import Display, TrainingDisplay
@@ -176,8 +177,7 @@ def _model_config(conditions: tuple[str, ...], places: int, config: TrainConfig)
             oriented_gradients=config.oriented_gradients,
         )
     except ValidationError as error:
-        first = error.errors()[0]
-        raise ConfigError(first["msg"].removeprefix("Value error, ")) from None
+        raise ConfigError(first_problem(error, ModelConfig).reason) from None
 
 
 def _model(

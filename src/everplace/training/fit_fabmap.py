@@ -42,15 +42,12 @@ _ITERATIONS = 30
 
 
 class FabMapTrainConfig(FabMapConfig, FitConfig):
-    """Everything that decides the outcome of a fit, beside the images.
-
-    Attributes:
-        model: `fabmap`.
-        vocabulary_features: Most SIFT features that the vocabulary is learned from, drawn evenly from the frames.
-    """
+    """Everything that decides the outcome of a fit, beside the images."""
 
     model: Literal["fabmap"] = "fabmap"
+    """`fabmap`."""
     vocabulary_features: Annotated[int, Field(ge=2)] = 200_000
+    """Most SIFT features that the vocabulary is learned from, drawn evenly from the frames."""
 
     @property
     def fabmap(self) -> FabMapConfig:

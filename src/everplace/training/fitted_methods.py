@@ -9,6 +9,7 @@ from everplace.errors import ConfigError
 from everplace.model.model_config import MODEL_KINDS
 from everplace.progress import Progress, quiet
 from everplace.route.route import Route
+from everplace.settings import explained_toml
 from everplace.training.config import DEFAULT_EPOCHS, FitConfig, TrainConfig
 from everplace.training.select_route import select_route
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from everplace.training.fit import TrainSummary
     from everplace.training.fit_fabmap import FabMapSummary
 
-__all__ = ["FITTED_METHODS", "build_config", "fit_method", "require_fittable"]
+__all__ = ["FITTED_METHODS", "build_config", "fit_method", "require_fittable", "settings_toml"]
 
 FITTED_METHODS: tuple[str, ...] = (*MODEL_KINDS, "fabmap")
 """What `everplace train --model` takes."""
@@ -43,6 +44,16 @@ def build_config(**values: Any) -> FitConfig:
     if "epochs" not in values and "minutes" not in values:
         values["epochs"] = DEFAULT_EPOCHS
     return TrainConfig.build(**values)
+
+
+def settings_toml(model: str) -> str:
+    """All settings of a fitted method with their explanations and defaults, as a file that `--config` takes.
+
+    Args:
+        model: One of `FITTED_METHODS`, or `best` for the recipe of that name.
+    """
+    given = {"model": "cp-vae", "recipe": "best"} if model == "best" else {"model": model}
+    return explained_toml(build_config(**given))
 
 
 def require_fittable(route: Route, config: FitConfig, progress: Progress = quiet) -> None:

@@ -14,8 +14,9 @@ from everplace.errors import CheckpointError, ConfigError, OtherRunError
 from everplace.files import readable, remove_leftovers
 from everplace.locking import locked
 from everplace.model.checkpoint import CHECKPOINT_NAME
+from everplace.settings import read_toml
 from everplace.tensor_file import has_tensors
-from everplace.training.config import CONFIG_FILE, FitConfig, read_toml, write_config
+from everplace.training.config import CONFIG_FILE, FitConfig, write_config
 from everplace.training.resume_state import RESUME, ResumeState, has_state, load_state
 
 __all__ = ["leads", "locked_run", "prepare_run", "require_same_images", "require_usable"]

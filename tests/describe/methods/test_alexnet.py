@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from everplace import downloads
 from everplace.describe.methods import alexnet
 from everplace.describe.pretrained.gaussian_projection import GaussianProjection
 from everplace.describe.pretrained.network import NetworkDescriber
 from everplace.describe.registry import open_describer
-from everplace.downloads import fetching
 from everplace.errors import MethodError
 from everplace.images.decoding import ImageSpec
 
@@ -115,7 +115,7 @@ def test_without_network_and_weights_one_sentence_says_how_to_get_them(
     monkeypatch.setenv("EVERPLACE_CACHE", str(tmp_path))
     with pytest.raises(MethodError, match="download https://download.pytorch.org/.* and put it at"):
         alexnet.open_method("")  # opening alone asks no server
-    monkeypatch.setattr(fetching, "_ATTEMPTS_OFFLINE", 1)
+    monkeypatch.setattr(downloads, "_ATTEMPTS", 1)
     monkeypatch.setattr(alexnet, "WEIGHTS", replace(alexnet.WEIGHTS, url="http://127.0.0.1:9/alexnet-7be5be79.pth"))
     with pytest.raises(
         MethodError, match=r"AlexNet needs its published weights: cannot fetch http.*put it at"

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from everplace import downloads
 from everplace.describe.methods import vgg19
 from everplace.describe.registry import open_describer
-from everplace.downloads import fetching
 from everplace.errors import MethodError
 from everplace.images.decoding import ImageSpec
 
@@ -93,7 +93,7 @@ def test_arguments_choose_layer_and_file(tmp_path: Path, monkeypatch: pytest.Mon
     for argument in ("./none.pth", "fc7:./none.pth", "pool4:none.pth"):
         with pytest.raises(MethodError, match=r"there is no weight file none\.pth"):
             open_describer(f"vgg19:{argument}")
-    monkeypatch.setattr(fetching, "_ATTEMPTS_OFFLINE", 1)
+    monkeypatch.setattr(downloads, "_ATTEMPTS", 1)
     monkeypatch.setattr(vgg19, "WEIGHTS", replace(vgg19.WEIGHTS, url="http://127.0.0.1:9/vgg19-dcbb9e9d.pth"))
     for argument in ("vgg19", "vgg19:pool4"):
         with pytest.raises(MethodError, match="VGG19 needs its published weights: .* put it at"):

@@ -50,7 +50,7 @@ def test_what_is_written_reads_the_same(tmp_path: Path, toml: OnnxToml) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (LEAST + "std = [1]\n", "unknown key 'std' in .*net.toml; known: colour, image_size, l2"),
+        (LEAST + "std = [1]\n", "unknown key 'std' in .*net.toml; known here: colour, image_size, l2"),
         (LEAST.replace("colour", "color"), "lacks 'colour'; add it|unknown key 'color'"),
         (LEAST.replace('"rgb"', '"rbg"'), "wrong value of 'colour'"),
         (LEAST.replace("[24, 32]", "224"), "wrong value of 'image_size'"),

@@ -16,20 +16,16 @@ Optional:
 
 from __future__ import annotations
 
-import sys
+import os
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from everplace.errors import ConfigError
 from everplace.files import readable
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from everplace.settings import Settings, read_settings
 
 __all__ = ["OnnxToml", "onnx_toml_path", "onnx_toml_text", "read_onnx_toml"]
 
@@ -38,28 +34,23 @@ _Channels = Annotated[tuple[_Number, ...], Field(min_length=1, max_length=3, str
 _Side = Annotated[int, Field(gt=0)]
 
 
-class OnnxToml(BaseModel):
-    """What the TOML file says.
-
-    Attributes:
-        image_size: (H, W) in pixels.
-        colour: Order of the channels, or one grey channel.
-        mean: Subtracted from values in [0, 1]; one number, or one a channel in the order of `colour`.
-        scale: What the rest is divided by, the standard deviation; not 0.
-        layout: Order of the axes of the input.
-        output: Name of the output that is the descriptor; None: the only one.
-        l2: Divide each descriptor by its length.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+class OnnxToml(Settings, strict=True):
+    """What the TOML file says."""
 
     image_size: Annotated[tuple[_Side, _Side], Field(strict=False)]
+    """(H, W) in pixels."""
     colour: Literal["rgb", "bgr", "grey"]
+    """Order of the channels, or one grey channel."""
     mean: _Channels | None = None
+    """Subtracted from values in [0, 1]; one number, or one a channel in the order of `colour`."""
     scale: _Channels | None = None
+    """What the rest is divided by, the standard deviation; not 0."""
     layout: Literal["nchw", "nhwc"] = "nchw"
+    """Order of the axes of the input."""
     output: Annotated[str, Field(min_length=1)] | None = None
+    """Name of the output that is the descriptor; None: the only one."""
     l2: bool = False
+    """Divide each descriptor by its length."""
 
     @model_validator(mode="after")
     def _check(self) -> OnnxToml:
@@ -89,36 +80,13 @@ def read_onnx_toml(path: Path) -> OnnxToml:
     Raises:
         ConfigError: It is missing, cannot be read, is no TOML, or holds an unknown key or a value that cannot be.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not os.path.lexists(path):
         raise ConfigError(
             f"{readable(path)} is missing; write image_size, colour, mean and scale of the network into it"
-        ) from None
-    except OSError as error:
-        raise ConfigError(f"cannot read {readable(path)}: {error.strerror or error}; check its permissions") from error
-    except RecursionError as error:
-        raise ConfigError(f"{readable(path)} nests its values too deeply; correct it") from error
-    except ValueError as error:  # not UTF-8, not TOML, or a number of thousands of digits
-        raise ConfigError(f"{readable(path)} is not valid TOML ({error}); correct it") from error
-    try:
-        return OnnxToml.model_validate(content)
-    except ValidationError as error:
-        raise ConfigError(_first_problem(path, error)) from error
+        )
+    return read_settings(path, OnnxToml)
 
 
 def onnx_toml_text(toml: OnnxToml) -> str:
     """Returns the content of the file."""
     return tomli_w.dumps(toml.model_dump(mode="json", exclude_none=True))
-
-
-def _first_problem(path: Path, error: ValidationError) -> str:
-    """Says in one sentence which key is wrong."""
-    problem = error.errors(include_url=False)[0]
-    key = ".".join(str(part) for part in problem["loc"])
-    if problem["type"] == "extra_forbidden":
-        return f"unknown key {key!r} in {readable(path)}; known: {', '.join(sorted(OnnxToml.model_fields))}"
-    if problem["type"] == "missing":
-        return f"{readable(path)} lacks {key!r}; add it"
-    what = problem["msg"].removeprefix("Value error, ")
-    return f"wrong value of {key!r} in {readable(path)}: {what}" if key else f"{readable(path)}: {what}"

@@ -73,7 +73,7 @@ def fetch_weights(published: PublishedWeights, progress: Progress = quiet) -> No
 
     Args:
         published: Which.
-        progress: Told of the mebibytes that have come.
+        progress: Told of the pieces that have come.
 
     Raises:
         MethodError: The network fails, or sends another file; the message says how to get the file otherwise.

@@ -66,22 +66,19 @@ def _check_origin(origin: tuple[float, ...]) -> tuple[float, ...]:
 
 
 class Options(RecordingOptions):
-    """Options of the kind.
-
-    Attributes:
-        topic: The image topic; by default the only one.
-        poses: The topic of positions or poses, or none to leave them out; by default the only one.
-        clock: Which times count: header, the stamps of the messages, or recorded, when they were written.
-        ahead: Which axis of the body, whose poses are recorded, is the camera's: x, or z where they are those of
-            the camera itself.
-        origin: Latitude and longitude from which metres are counted; by default those of the first position.
-    """
+    """Options of the kind."""
 
     topic: str = ""
+    """The image topic; by default the only one."""
     poses: str = ""
+    """The topic of positions or poses, or none to leave them out; by default the only one."""
     clock: Literal["header", "recorded"] = "header"
+    """Which times count: header, the stamps of the messages, or recorded, when they were written."""
     ahead: Literal["x", "z"] = "x"
+    """Which axis of the body, whose poses are recorded, is the camera's: x, or z where they are those of the camera
+    itself."""
     origin: Annotated[tuple[float, ...], AfterValidator(_check_origin)] = ()
+    """Latitude and longitude from which metres are counted; by default those of the first position."""
 
 
 def read(source: Path, options: Options) -> ForeignRoute:

@@ -42,19 +42,16 @@ _LONGEST_YAML = 1 << 20
 
 
 class Options(SourceOptions):
-    """Options of the kind.
-
-    Attributes:
-        camera: Directory of the camera in mav0.
-        poses: Whether to read the truth where it is there; frames without a pose are then left out.
-        limit: Seconds from an image to the nearest pose, up to which the pose counts.
-        radius: Metres up to which two images show the same place; the data set names none.
-    """
+    """Options of the kind."""
 
     camera: str = "cam0"
+    """Directory of the camera in mav0."""
     poses: bool = True
+    """Whether to read the truth where it is there; frames without a pose are then left out."""
     limit: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.02
+    """Seconds from an image to the nearest pose, up to which the pose counts."""
     radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """Metres up to which two images show the same place; the data set names none."""
 
 
 def read(source: Path, options: Options) -> ForeignRoute:

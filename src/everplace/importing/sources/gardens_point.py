@@ -31,15 +31,12 @@ _NUMBER = re.compile(r"[^0-9]*([0-9]{1,9})[^0-9]*")
 
 
 class Options(SourceOptions):
-    """Options of the kind.
-
-    Attributes:
-        tolerance: Frames by which a match may be off. Neighbouring frames overlap, so 0 would be unfair.
-        condition: What a traverse's condition is: its name, or light (day, day, night).
-    """
+    """Options of the kind."""
 
     tolerance: Annotated[int, Field(ge=0)] = 3
+    """Frames by which a match may be off. Neighbouring frames overlap, so 0 would be unfair."""
     condition: Literal["name", "light"] = "name"
+    """What a traverse's condition is: its name, or light (day, day, night)."""
 
 
 class _Walk(NamedTuple):

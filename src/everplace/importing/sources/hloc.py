@@ -28,19 +28,16 @@ _EVERPLACE = ("image_names", "names")  # everplace's own layout; older files hav
 
 
 class Options(SourceOptions):
-    """Options of the kind; files are looked for from the source's directory.
-
-    Attributes:
-        pairs: Text file with a line `query reference` for each pair that shows the same place.
-        images: Directory of the images.
-        queries: List of all queries, HDF5 or text; without it those are queries that a pair names first.
-        database: List of all database images, HDF5 or text; without it those are in it that a pair names second.
-    """
+    """Options of the kind; files are looked for from the source's directory."""
 
     pairs: str = "pairs.txt"
+    """Text file with a line `query reference` for each pair that shows the same place."""
     images: str = "."
+    """Directory of the images."""
     queries: str = ""
+    """List of all queries, HDF5 or text; without it those are queries that a pair names first."""
     database: str = ""
+    """List of all database images, HDF5 or text; without it those are in it that a pair names second."""
 
 
 def read(source: Path, options: Options) -> ForeignRoute:

@@ -45,32 +45,29 @@ _LICENCE = (
 
 
 class Options(SourceOptions):
-    """Options of the kind.
-
-    Attributes:
-        form: videos or images; by default images where they lie there.
-        sequences: Which to take, such as set00/V000,set03; by default all.
-        conditions: Conditions such as set00:day,set03/V001:night, or a CSV or TOML file of them.
-        every: Take every so many-th frame, or place where sequences are aligned.
-        align: gps or pairs: only frames of places that all sequences have, the same stem in all; by default
-            every frame, and no stem in two sequences.
-        reference: The sequence that the others are aligned with; by default the one with the fewest frames.
-        radius: Metres up to which two frames show the same place, for align=gps.
-        pairs: CSV file of frames that show the same place, for align=pairs; columns are called like sequences.
-        gps: Where positions lie, in the source, with {set} and {video} in place of their names.
-        preset: paper: 1,600 training and 6,400 test places of six aligned sequences.
-    """
+    """Options of the kind."""
 
     form: Literal["", "videos", "images"] = ""
+    """videos or images; by default images where they lie there."""
     sequences: tuple[str, ...] = ()
+    """Which to take, such as set00/V000,set03; by default all."""
     conditions: tuple[str, ...] = ()
+    """Conditions such as set00:day,set03/V001:night, or a CSV or TOML file of them."""
     every: Annotated[int, Field(ge=1)] = 1
+    """Take every so many-th frame, or place where sequences are aligned."""
     align: Literal["", "gps", "pairs"] = ""
+    """gps or pairs: only frames of places that all sequences have, the same stem in all; by default every frame, and no
+    stem in two sequences."""
     reference: str = ""
+    """The sequence that the others are aligned with; by default the one with the fewest frames."""
     radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 10.0
+    """Metres up to which two frames show the same place, for align=gps."""
     pairs: Path | None = None
+    """CSV file of frames that show the same place, for align=pairs; columns are called like sequences."""
     gps: str = "gps/{set}/{video}.csv"
+    """Where positions lie, in the source, with {set} and {video} in place of their names."""
     preset: Literal["", "paper"] = ""
+    """paper: 1,600 training and 6,400 test places of six aligned sequences."""
 
 
 def read(source: Path, options: Options) -> ForeignRoute:

@@ -38,23 +38,20 @@ _DEEPEST_RIG = 10
 
 
 class Options(SourceOptions):
-    """Options of the kind.
-
-    Attributes:
-        camera: Identifier of the camera; all: every one. Needed where several cameras took images.
-        by_folder: One traverse for each first directory of the images' paths (mapping, query), and not for each
-            kapture directory.
-        up: The world's axis that points up: kapture does not say which it is. -y where the world is the frame of
-            the first camera.
-        poses: Whether to read trajectories.txt where it is there; frames without a pose are then left out.
-        radius: Metres up to which two images show the same place; the format names none.
-    """
+    """Options of the kind."""
 
     camera: str = ""
+    """Identifier of the camera; all: every one. Needed where several cameras took images."""
     by_folder: bool = False
+    """One traverse for each first directory of the images' paths (mapping, query), and not for each kapture
+    directory."""
     up: Up = "z"
+    """The world's axis that points up: kapture does not say which it is. -y where the world is the frame of the first
+    camera."""
     poses: bool = True
+    """Whether to read trajectories.txt where it is there; frames without a pose are then left out."""
     radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """Metres up to which two images show the same place; the format names none."""
 
 
 class _Transform(NamedTuple):

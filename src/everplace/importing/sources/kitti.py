@@ -38,19 +38,16 @@ _NUMBER = re.compile(r"[0-9]{1,9}")
 
 
 class Options(SourceOptions):
-    """Options of the kind.
-
-    Attributes:
-        camera: Directory of the images.
-        sequences: Which sequences, by name; all if none is given.
-        poses: Whether to read poses where they are there; frames without a pose are then left out.
-        radius: Metres up to which two images show the same place; the data set names none.
-    """
+    """Options of the kind."""
 
     camera: Literal["image_0", "image_1", "image_2", "image_3"] = "image_0"
+    """Directory of the images."""
     sequences: tuple[str, ...] = ()
+    """Which sequences, by name; all if none is given."""
     poses: bool = True
+    """Whether to read poses where they are there; frames without a pose are then left out."""
     radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """Metres up to which two images show the same place; the data set names none."""
 
 
 def read(source: Path, options: Options) -> ForeignRoute:

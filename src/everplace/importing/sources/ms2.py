@@ -50,22 +50,19 @@ _LICENCE = "MS2 is for research only; cite Shin, Park and Kweon (CVPR 2023)."
 
 
 class Options(SourceOptions):
-    """Options of the kind.
-
-    Attributes:
-        sequences: Which to take, such as _2021-08-06-10-59-33; by default all.
-        camera: rgb, nir or thr.
-        side: left or right.
-        conditions: Conditions such as _2021-08-06-10-59-33:day, or a CSV or TOML file of them; by default day,
-            night (from 20 o'clock on) or rain (the afternoon of 2021-08-06).
-        every: Take every so many-th frame.
-    """
+    """Options of the kind."""
 
     sequences: tuple[str, ...] = ()
+    """Which to take, such as _2021-08-06-10-59-33; by default all."""
     camera: Literal["rgb", "nir", "thr"] = "rgb"
+    """rgb, nir or thr."""
     side: Literal["left", "right"] = "left"
+    """left or right."""
     conditions: tuple[str, ...] = ()
+    """Conditions such as _2021-08-06-10-59-33:day, or a CSV or TOML file of them; by default day, night (from 20
+    o'clock on) or rain (the afternoon of 2021-08-06)."""
     every: Annotated[int, Field(ge=1)] = 1
+    """Take every so many-th frame."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,29 +53,26 @@ _LICENCE = (
 
 
 class Options(SourceOptions):
-    """Options of the kind.
-
-    Attributes:
-        form: seasons, olid, at, parquet or video; by default what lies there decides.
-        seasons: Which seasons to take, such as summer,winter; by default all.
-        preset: A published protocol: 27592, 2760, olid or paper; sets frames and tolerance.
-        list: Files that list the frames to take, by file name; several where each season has its own.
-        unfiltered: Let tunnels and stops take part in preset paper, for want of a list that leaves them out.
-        split: The part of the Olid partition: train, test or both.
-        size: Resize while reading, such as 64x32 (width × height); by default as stored.
-        database: The season of `database/` in the `@`-naming.
-        queries: The season of `queries/` in the `@`-naming.
-    """
+    """Options of the kind."""
 
     form: Literal["", "seasons", "olid", "at", "parquet", "video"] = ""
+    """seasons, olid, at, parquet or video; by default what lies there decides."""
     seasons: tuple[Literal["spring", "summer", "fall", "winter"], ...] = ()
+    """Which seasons to take, such as summer,winter; by default all."""
     preset: Literal["", "27592", "2760", "olid", "paper"] = ""
+    """A published protocol: 27592, 2760, olid or paper; sets frames and tolerance."""
     list: tuple[Path, ...] = ()
+    """Files that list the frames to take, by file name; several where each season has its own."""
     unfiltered: bool = False
+    """Let tunnels and stops take part in preset paper, for want of a list that leaves them out."""
     split: Literal["both", "train", "test"] = "both"
+    """The part of the Olid partition: train, test or both."""
     size: Annotated[tuple[int, int] | None, BeforeValidator(parse_size)] = None
+    """Resize while reading, such as 64x32 (width × height); by default as stored."""
     database: Literal["spring", "summer", "fall", "winter"] = "summer"
+    """The season of `database/` in the `@`-naming."""
     queries: Literal["spring", "summer", "fall", "winter"] = "winter"
+    """The season of `queries/` in the `@`-naming."""
 
 
 class Copy(Protocol):

@@ -29,22 +29,19 @@ _LISTS = (".txt", ".csv", ".lst")
 
 
 class Options(SourceOptions):
-    """Options of the kind; all paths start at the source's directory.
-
-    Attributes:
-        query: Directory of the query images, or a text file with one image a line.
-        reference: Directory of the reference images, or a text file with one image a line.
-        truth: CSV file with the columns query, reference, tolerance and no header.
-        subsample: Every so manieth image was used, as the toolbox's subsample factor; the file counts those.
-        same_names: A query and a reference of the same file name show the same place: keep the names. Otherwise
-            they get `query-` and `reference-` before them.
-    """
+    """Options of the kind; all paths start at the source's directory."""
 
     query: str = "query"
+    """Directory of the query images, or a text file with one image a line."""
     reference: str = "reference"
+    """Directory of the reference images, or a text file with one image a line."""
     truth: str = "ground_truth.csv"
+    """CSV file with the columns query, reference, tolerance and no header."""
     subsample: Annotated[int, Field(ge=1)] = 1
+    """Every so manieth image was used, as the toolbox's subsample factor; the file counts those."""
     same_names: bool = False
+    """A query and a reference of the same file name show the same place: keep the names. Otherwise they get `query-`
+    and `reference-` before them."""
 
 
 def read(source: Path, options: Options) -> ForeignRoute:

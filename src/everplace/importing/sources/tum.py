@@ -34,19 +34,16 @@ SUMMARY = "TUM RGB-D: rgb.txt with time stamps and groundtruth.txt with poses, o
 
 
 class Options(SourceOptions):
-    """Options of the kind.
-
-    Attributes:
-        images: The list of images, in a sequence's directory.
-        poses: Whether to read groundtruth.txt where it is there; frames without a pose are then left out.
-        limit: Seconds from an image to the nearest pose, up to which the pose counts.
-        radius: Metres up to which two images show the same place; the data set names none.
-    """
+    """Options of the kind."""
 
     images: str = "rgb.txt"
+    """The list of images, in a sequence's directory."""
     poses: bool = True
+    """Whether to read groundtruth.txt where it is there; frames without a pose are then left out."""
     limit: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.02
+    """Seconds from an image to the nearest pose, up to which the pose counts."""
     radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """Metres up to which two images show the same place; the data set names none."""
 
 
 def read(source: Path, options: Options) -> ForeignRoute:

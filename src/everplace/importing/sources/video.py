@@ -36,14 +36,11 @@ _BROKEN = f"{ANEW}, or take the frames before that with --set damaged=keep"
 
 
 class Options(RecordingOptions):
-    """Options of the kind.
-
-    Attributes:
-        damaged: What to do with a video that breaks off: refuse it, or keep the frames before the break (it is then
-            decoded twice, once to find the break).
-    """
+    """Options of the kind."""
 
     damaged: Literal["refuse", "keep"] = "refuse"
+    """What to do with a video that breaks off: refuse it, or keep the frames before the break (it is then decoded
+    twice, once to find the break)."""
 
 
 def read(source: Path, options: Options) -> ForeignRoute:

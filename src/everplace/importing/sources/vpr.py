@@ -35,15 +35,12 @@ _ZONE_WIDTH = 1_000_000.0
 
 
 class Options(SourceOptions):
-    """Options of the kind.
-
-    Attributes:
-        split: Which of train, val and test.
-        radius: Metres up to which two images show the same place.
-    """
+    """Options of the kind."""
 
     split: Literal["train", "val", "test"] = "test"
+    """Which of train, val and test."""
     radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 25.0
+    """Metres up to which two images show the same place."""
 
 
 class _Place(NamedTuple):

@@ -28,17 +28,13 @@ _PARTS = ("query", "ref")
 
 
 class Options(SourceOptions):
-    """Options of the kind.
-
-    Attributes:
-        truth: File with the true matches, in the data set's directory.
-        same_names: A query and a reference of the same file name show the same place, as in the Nordland set:
-            keep the names, so that models can learn from the pairs. Otherwise names get `query-` and `ref-`
-            before them.
-    """
+    """Options of the kind."""
 
     truth: str = "ground_truth_new.npy"
+    """File with the true matches, in the data set's directory."""
     same_names: bool = False
+    """A query and a reference of the same file name show the same place, as in the Nordland set: keep the names, so
+    that models can learn from the pairs. Otherwise names get `query-` and `ref-` before them."""
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
