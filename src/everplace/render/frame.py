@@ -14,7 +14,7 @@ from everplace.render.ground import paint_ground
 from everplace.render.lens import add_rain, expose
 from everplace.render.light import add_haze, add_reflections, cast_shadows, light_night
 from everplace.render.look import Look, look_of_drive
-from everplace.render.painter import Canvas, draw_scene, paint_faces, visible_faces, visible_plants
+from everplace.render.painter import Canvas, draw_scene, visible_faces, visible_plants
 from everplace.render.render_config import CONDITIONS
 from everplace.render.road import Column
 from everplace.render.sky import paint_sky
@@ -22,7 +22,7 @@ from everplace.render.sprites import Nursery
 from everplace.render.terrain import FAR, view_terrain
 from everplace.render.world import World
 
-__all__ = ["Drive", "Layers", "Pose", "camera_at", "open_drive", "render_frame"]
+__all__ = ["Drive", "Layers", "Pose", "camera_at", "open_drive"]
 
 Pose = tuple[float, float, float]
 """x and y in metres, heading in radians counter-clockwise from the x axis."""
@@ -98,26 +98,15 @@ class Drive:
 
         canvas = Canvas(np.asarray(cv2.cvtColor(cv2.convertScaleAbs(image), cv2.COLOR_RGB2RGBA), np.uint8), depth)
         land_depth = depth.copy()
-        mesh = world.scenery.mesh
-        plants, faces = visible_plants(world.scenery.plants, camera), visible_faces(mesh, camera)
-        sideways = np.array([np.cos(look.sun_azimuth), np.sin(look.sun_azimuth)]) @ np.array(camera.right)
-        draw_scene(
-            canvas,
-            camera,
-            plants,
-            faces,
-            mesh,
-            paint_faces(mesh, faces, look),
-            self.nursery,
-            bool(sideways < 0),
-        )
+        plants, faces = visible_plants(world.plants, camera), visible_faces(world.mesh, camera)
+        draw_scene(canvas, camera, plants, faces, self.nursery)
         light = cv2.cvtColor(canvas.colour, cv2.COLOR_RGBA2RGB).astype(np.float32)
         mirror[canvas.depth != land_depth] = 0
         # Soft edges reach a pixel into the sky: they belong to the object, or they would shine at night.
         reach = np.asarray(cv2.erode(canvas.depth, np.ones((3, 3), np.uint8)), np.float32)
         reach[canvas.depth < FAR] = canvas.depth[canvas.depth < FAR]
         if look.dark:
-            light = light_night(light, reach, camera, mesh, faces)
+            light = light_night(light, reach, camera, faces)
         add_haze(light, reach, look)
         add_reflections(light, mirror, camera, look)
         return Layers(light, canvas.depth)
@@ -133,24 +122,6 @@ def open_drive(world: World, condition: str) -> Drive:
         raise ConfigError(f"cannot render the condition {condition!r}: choose from {', '.join(CONDITIONS)}")
     look = look_of_drive(condition, np.random.default_rng([world.seed, 1, CONDITIONS.index(condition)]))
     return Drive(world, condition, look, Nursery(look))
-
-
-def render_frame(world: World, condition: str, pose: Pose, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Renders a single frame (for many frames of a condition, `open_drive` once).
-
-    Args:
-        world: The world.
-        condition: One of `config.CONDITIONS`.
-        pose: Where the camera is and looks.
-        size: Height and width in pixels.
-
-    Returns:
-        H × W × 3, uint8, RGB.
-
-    Raises:
-        ConfigError: There is no such condition.
-    """
-    return open_drive(world, condition).frame(pose, size)
 
 
 def camera_at(world: World, pose: Pose, size: tuple[int, int]) -> Camera:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from everplace.render.camera import Camera
 from everplace.render.look import Look
 from everplace.render.mesh import Material, Mesh
-from everplace.render.painter import Faces
+from everplace.render.painter import FacesInView
 from everplace.render.terrain import FAR
 from everplace.render.world import World
 
@@ -33,7 +33,7 @@ def cast_shadows(world: World, camera: Camera, look: Look) -> Image:
     length = min(1 / np.tan(look.sun_elevation), 4.5)
     away = (-float(np.cos(look.sun_azimuth)), -float(np.sin(look.sun_azimuth)))
     crowns = _crowns(world, camera, away, length)
-    walls = np.repeat(_walls(world.scenery.mesh, camera, away, length), 2, axis=1)
+    walls = np.repeat(_walls(world.mesh, camera, away, length), 2, axis=1)
     outline = np.concatenate([crowns, walls])
     if len(outline):
         # The ground is taken as a slope between the foot of the object and the far end of its shadow.
@@ -52,14 +52,10 @@ def cast_shadows(world: World, camera: Camera, look: Look) -> Image:
 
 def _crowns(world: World, camera: Camera, away: tuple[float, float], length: float) -> NDArray[np.float64]:
     """Outlines of the plants' shadows, n × 8 × 4: map position, height of the foot, share of the shadow's length."""
-    plants = world.scenery.plants
-    first, last = np.searchsorted(plants.places[:, 0], (camera.x - 70, camera.x + _SHADOW_REACH))
-    places, sizes = plants.places[first:last], plants.sizes[first:last]
-    (fx, fy), (rx, ry) = camera.forward, camera.right
-    offset = places[:, :2] - (camera.x, camera.y)
-    depth, side = offset @ (fx, fy), offset @ (rx, ry)
+    plants = world.plants.between(camera.x - 70, camera.x + _SHADOW_REACH)
+    side, _, depth = camera.local(plants.places).T
     keep = (depth > -45) & (depth < _SHADOW_REACH) & (np.abs(side) < 0.8 * np.abs(depth) + 50)
-    places, sizes = places[keep], sizes[keep]
+    places, sizes = plants.places[keep], plants.sizes[keep]
     turns = np.linspace(0, 2 * np.pi, 9)[:-1]
     reach = np.broadcast_to(0.56 + 0.44 * np.cos(turns), (len(places), 8))
     along = sizes[:, :1] * length * reach
@@ -71,13 +67,11 @@ def _crowns(world: World, camera: Camera, away: tuple[float, float], length: flo
 
 def _walls(mesh: Mesh, camera: Camera, away: tuple[float, float], length: float) -> NDArray[np.float64]:
     """Outlines of the shadows of walls, roofs, posts and poles, n × 4 × 4: as for the crowns."""
-    first, last = np.searchsorted(mesh.anchors[:, 0], (camera.x - 40, camera.x + _SHADOW_REACH))
-    part = slice(int(first), int(last))
-    depth = (mesh.anchors[part] - (camera.x, camera.y)) @ np.array(camera.forward)
-    panes = (mesh.ranks[part] == 2) | (mesh.materials[part] == Material.WHITE)
-    posts, wires = mesh.thickness[part] > 0.05, mesh.materials[part] == Material.WIRE
-    casts = (depth > -30) & (depth < _SHADOW_REACH) & (posts | ~panes) & ~wires
-    corners = mesh.corners[part][casts]
+    mesh = mesh.between(camera.x - 40, camera.x + _SHADOW_REACH)
+    depth = camera.depth(mesh.anchors)
+    panes = (mesh.ranks == 2) | (mesh.materials == Material.WHITE)
+    posts, wires = mesh.thickness > 0.05, mesh.materials == Material.WIRE
+    corners = mesh.corners[(depth > -30) & (depth < _SHADOW_REACH) & (posts | ~panes) & ~wires]
     foot = corners[..., 2:].min(axis=1, keepdims=True)
     rise = corners[..., 2:] - foot
     points = corners[..., :2] + rise * length * np.array(away)
@@ -111,14 +105,13 @@ def add_reflections(image: Image, mirror: Image, camera: Camera, look: Look) -> 
     image[rows, columns] += (reflected - image[rows, columns]) * share
 
 
-def light_night(image: Image, depth: Image, camera: Camera, mesh: Mesh, faces: Faces) -> Image:
+def light_night(image: Image, depth: Image, camera: Camera, faces: FacesInView) -> Image:
     """Turns evenly lit colours into night: headlights, street lamps, lit windows and their glow.
 
     Args:
         image: H × W × 3, RGB as under an overcast sky; the sky is already dark.
         depth: H × W in metres.
         camera: The camera.
-        mesh: The mesh the faces belong to.
         faces: Faces in view.
     """
     u, v = camera.column_slopes()[None, :], camera.row_slopes()[:, None]
@@ -126,8 +119,7 @@ def light_night(image: Image, depth: Image, camera: Camera, mesh: Mesh, faces: F
     light = (1.25 * beam / (0.5 + (depth / 26) ** 2))[..., None] * np.array((1.0, 0.96, 0.84), np.float32)
     light = light + np.array((0.085, 0.10, 0.14), np.float32)
     lamps, glow = np.zeros_like(image), np.zeros_like(image)
-    materials = mesh.materials[faces.chosen]
-    chance = mesh.chance[faces.chosen]
+    materials, chance = faces.mesh.materials, faces.mesh.chance
     shines = (materials == Material.LAMP) | ((materials == Material.GLASS) & (chance < _LIT_WINDOWS))
     for face in np.flatnonzero(shines & (faces.local[..., 2].min(axis=1) > 0.5)):
         if materials[face] == Material.LAMP:
