@@ -75,7 +75,7 @@ class Drive:
         layers = self.layers(camera_at(self.world, pose, drawn))
         light = layers.light
         rng = np.random.default_rng([self.world.seed, 2, CONDITIONS.index(self.condition), *_digits(pose)])
-        if self.look.rain:
+        if self.look.wet:
             light = add_rain(light, rng)
         if drawn != size:
             light = np.asarray(cv2.resize(light, (width, height), interpolation=cv2.INTER_AREA))
