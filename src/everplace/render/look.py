@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-import tomllib
+import sys
 from dataclasses import dataclass, replace
 from importlib import resources
 from typing import Literal
 
 import numpy as np
 from pydantic import TypeAdapter
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 __all__ = ["LOOKS", "Colour", "Look", "look_of_drive"]
 
@@ -96,10 +101,10 @@ def look_of_drive(condition: str, rng: np.random.Generator) -> Look:
     look = LOOKS[condition]
     return replace(
         look,
-        sun_azimuth=look.sun_azimuth + float(rng.uniform(-0.3, 0.3)),
-        sun_elevation=look.sun_elevation * float(rng.uniform(0.9, 1.1)),
+        sun_azimuth=look.sun_azimuth + rng.uniform(-0.3, 0.3),
+        sun_elevation=look.sun_elevation * rng.uniform(0.9, 1.1),
         clouds=float(np.clip(look.clouds + rng.uniform(-0.1, 0.1), 0.05, 1.0)),
-        cloud_offset=(float(rng.uniform(0, 64)), float(rng.uniform(0, 64))),
-        exposure=look.exposure * float(rng.uniform(0.94, 1.06)),
-        warmth=look.warmth * float(rng.uniform(0.98, 1.02)),
+        cloud_offset=(rng.uniform(0, 64), rng.uniform(0, 64)),
+        exposure=look.exposure * rng.uniform(0.94, 1.06),
+        warmth=look.warmth * rng.uniform(0.98, 1.02),
     )

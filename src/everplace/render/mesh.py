@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ class Material(IntEnum):
 
     colour: tuple[int, int, int]
 
-    def __new__(cls, red: int, green: int, blue: int) -> Self:
+    def __new__(cls, red: int, green: int, blue: int) -> Material:
         """Numbers the materials from 0 on, in their order."""
         number = len(cls.__members__)
         material = int.__new__(cls, number)

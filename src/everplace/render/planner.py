@@ -112,4 +112,4 @@ class Planner:
             sizes=rows[:, 4:6],
             chance=rows[:, 6],
         )
-        return plants.part(surface.water[:, 0] < 0.5)
+        return plants.part(~surface.water[:, 0])
