@@ -11,17 +11,14 @@ from everplace.render.mesh import Material, Site
 __all__ = ["barn", "box", "church", "house", "silo", "water_tower"]
 
 
+Pair = tuple[float, float]
+"""Metres along and across an object."""
+
+
 def box(
-    site: Site,
-    centre: tuple[float, float],
-    half: tuple[float, float],
-    heights: tuple[float, float],
-    material: Material,
-    *,
-    rank: int = 0,
-    reach: float = 420.0,
+    site: Site, centre: Pair, half: Pair, heights: Pair, material: Material, *, rank: int = 0, reach: float = 420.0
 ) -> None:
-    """A box: `centre` and `half` are (along, across) in metres, `heights` its bottom and top above the ground."""
+    """A box around a centre, of half a length and width; `heights` are its bottom and top above the ground."""
     (ca, cb), (low, high) = centre, heights
     ring = _ring(centre, half)
     inside = (ca, cb, (low + high) / 2)
@@ -32,20 +29,14 @@ def box(
         site.face([(u, v, level) for u, v in ring[:4]], material, inside=inside, rank=rank, reach=reach)
 
 
-def _ring(centre: tuple[float, float], half: tuple[float, float]) -> list[tuple[float, float]]:
+def _ring(centre: Pair, half: Pair) -> list[Pair]:
     """The corners of a rectangle, the first once more at the end."""
     (ca, cb), (a, b) = centre, half
     return [(ca - a, cb - b), (ca + a, cb - b), (ca + a, cb + b), (ca - a, cb + b), (ca - a, cb - b)]
 
 
 def _hall(
-    site: Site,
-    half: tuple[float, float],
-    eaves: float,
-    ridge: float,
-    wall: Material,
-    roof: Material,
-    reach: float = 420.0,
+    site: Site, half: Pair, eaves: float, ridge: float, wall: Material, roof: Material, reach: float = 420.0
 ) -> None:
     """Four walls and a gabled roof with an overhang; the ridge runs along the object."""
     a, b = half
@@ -60,16 +51,9 @@ def _hall(
         site.face(slope, roof, inside=inside, rank=3, reach=reach)
 
 
-def _window(
-    site: Site,
-    at: tuple[float, float],
-    axis: str,
-    size: tuple[float, float],
-    sill: float,
-    material: Material = Material.GLASS,
-) -> None:
+def _window(site: Site, at: Pair, axis: str, size: Pair, sill: float, material: Material = Material.GLASS) -> None:
     """A pane in a white frame on a wall; `axis` tells whether the wall runs along or across the object."""
-    (along, across), (half, tall) = at, size
+    (along, across), (half, tall) = at, size  # half the width, the whole height
     inside = (along * 0.5, across * 0.5, sill)
     for grow, paint, rank, reach in ((0.14, Material.WHITE, 1, 70.0), (0.0, material, 2, 170.0)):
         (da, ga), (db, gb) = ((half, grow), (0, 0)) if axis == "along" else ((0, 0), (half, grow))
@@ -137,9 +121,7 @@ def water_tower(site: Site) -> None:
     _drum(site, 5.0, (18.0, 25.0), 2.5, Material.PLASTER_WHITE, rank=2)
 
 
-def _drum(
-    site: Site, radius: float, heights: tuple[float, float], cone: float, material: Material, rank: int = 0
-) -> None:
+def _drum(site: Site, radius: float, heights: Pair, cone: float, material: Material, rank: int = 0) -> None:
     low, high = heights
     inside = (0, 0, (low + high) / 2)
     angles = np.linspace(0, 2 * np.pi, 11)

@@ -87,11 +87,11 @@ class Drive:
         world, look = self.world, self.nursery.look
         land = view_terrain(world.terrain, camera)
         shadow = cast_shadows(world, camera, look)
-        ground = paint_ground(world, land, look, shadow[land.top :], camera.focal)
+        ground, gloss = paint_ground(world, land, look, shadow[land.top :], camera.focal)
         image = np.empty((camera.height, camera.width, 3), np.float32)
         rows = min(camera.height, land.top + int(np.argmax(land.seen, axis=0).max()) + 1)
         image[:rows] = paint_sky(camera, look, world.grain, rows)
-        cv2.copyTo(ground.colour, land.seen.view(np.uint8), image[land.top :])
+        cv2.copyTo(ground, land.seen.view(np.uint8), image[land.top :])
         land_depth = np.full((camera.height, camera.width), FAR, np.float32)
         land_depth[land.top :] = land.depth
 
@@ -107,7 +107,7 @@ class Drive:
             light = light_night(light, reach, camera, faces)
         add_haze(light, reach, look)
         mirror = np.zeros_like(land_depth)
-        mirror[land.top :] = np.where(land.seen, ground.mirror, 0)
+        mirror[land.top :] = np.where(land.seen, gloss, 0)
         mirror[canvas.depth != land_depth] = 0
         add_reflections(light, mirror, camera, look)
         return Layers(light, canvas.depth)

@@ -13,7 +13,7 @@ from everplace.render.road import WOODS, Biome, Column
 from everplace.render.terrain import Land
 from everplace.render.world import World
 
-__all__ = ["Ground", "paint_ground"]
+__all__ = ["paint_ground"]
 
 Image = NDArray[np.float32]
 Real = NDArray[np.floating[Any]]
@@ -22,19 +22,7 @@ _HALF_ROAD = 3.5
 _CURB = 5.6
 
 
-class Ground(NamedTuple):
-    """The painted land.
-
-    Attributes:
-        colour: rows × W × 3, RGB in 0 to 255, lit.
-        mirror: rows × W, how much it reflects: 0 for dull ground to 1.
-    """
-
-    colour: Image
-    mirror: Image
-
-
-def paint_ground(world: World, land: Land, look: Look, shadow: Image, focal: float) -> Ground:
+def paint_ground(world: World, land: Land, look: Look, shadow: Image, focal: float) -> tuple[Image, Image]:
     """Paints the visible land.
 
     Args:
@@ -43,6 +31,9 @@ def paint_ground(world: World, land: Land, look: Look, shadow: Image, focal: flo
         look: The appearance.
         shadow: rows × W, share of the direct light that objects take away.
         focal: Focal length in pixels; fades textures too fine for a pixel.
+
+    Returns:
+        The lit colour, rows × W × 3, RGB in 0 to 255, and how much the ground mirrors, rows × W, 0 (dull) to 1.
     """
     row, fraction = world.road.rows(land.x)
     arc = world.road.table[:, Column.ARC]
@@ -77,7 +68,7 @@ def paint_ground(world: World, land: Land, look: Look, shadow: Image, focal: flo
     if near.any():
         colour[near], mirror[near] = _road(_Points(*(values[near] for values in points)), look, colour[near])
     colour *= _light(world, land, look, shadow)
-    return Ground(colour, mirror)
+    return colour, mirror
 
 
 class _Points(NamedTuple):

@@ -101,7 +101,7 @@ def add_reflections(image: Image, mirror: Image, camera: Camera, look: Look) -> 
     # Grazing light is reflected most (Fresnel): the farther, the stronger.
     grazing = np.clip(1 - (rows - level) / (0.75 * camera.height), 0.15, 1)
     share = (mirror[rows, columns] * grazing).astype(np.float32)[:, None]
-    reflected = smeared[source, columns] * np.float32(0.9 if not look.dark else 1.0)
+    reflected = smeared[source, columns] * np.float32(1.0 if look.dark else 0.9)
     image[rows, columns] += (reflected - image[rows, columns]) * share
 
 
@@ -136,13 +136,10 @@ def light_night(image: Image, depth: Image, camera: Camera, faces: FacesInView) 
 def _pool(lamps: Image, depth: Image, camera: Camera, local: NDArray[np.float64]) -> None:
     """Adds the light of one street lamp to whatever is near it."""
     at = local[0]
-    scale = camera.focal / at[2]
     column, row = camera.project(at)
-    reach = 12 * scale
-    x0, x1 = max(0, int(column - reach)), min(camera.width, int(column + reach) + 1)
-    y0, y1 = max(0, int(row - 0.3 * reach)), min(camera.height, int(row + reach) + 1)
-    if x0 >= x1 or y0 >= y1:
-        return
+    reach = 12 * (camera.focal / at[2])
+    x0, x1 = np.clip((int(column - reach), int(column + reach) + 1), 0, camera.width)
+    y0, y1 = np.clip((int(row - 0.3 * reach), int(row + reach) + 1), 0, camera.height)
     z = depth[y0:y1, x0:x1]
     right = (np.arange(x0, x1) + 0.5 - camera.width / 2)[None, :] * z / np.float32(camera.focal)
     up = (camera.centre_row - np.arange(y0, y1) - 0.5)[:, None] * z / np.float32(camera.focal)
@@ -155,10 +152,9 @@ def _shine(glow: Image, depth: Image, camera: Camera, local: NDArray[np.float64]
     """Draws a lit window or lamp where nothing nearer hides it."""
     corners = camera.project(local)
     size = max(1.5, 0.16 * camera.focal / float(local[:, 2].mean()))
-    grown = 2 if not lamp else int(size) + 2
-    x0, y0 = np.maximum(np.floor(corners.min(axis=0)).astype(int) - grown, 0)
-    x1, y1 = np.ceil(corners.max(axis=0)).astype(int) + grown
-    x1, y1 = min(int(x1), camera.width), min(int(y1), camera.height)
+    grown = int(size) + 2 if lamp else 2
+    box = np.floor(corners.min(axis=0)) - grown, np.ceil(corners.max(axis=0)) + grown
+    (x0, y0), (x1, y1) = np.clip(box, 0, (camera.width, camera.height)).astype(int)
     if x0 >= x1 or y0 >= y1:
         return
     mask = np.zeros((y1 - y0, x1 - x0), np.uint8)

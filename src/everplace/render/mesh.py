@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 __all__ = ["Material", "Mesh", "MeshBuilder", "Point", "Site"]
 
 Point = tuple[float, float, float]
+_NOWHERE = (np.nan, np.nan, np.nan)
 
 
 class Material(IntEnum):
@@ -99,7 +100,7 @@ class MeshBuilder:
         material: Material,
         anchor: tuple[float, float],
         *,
-        inside: Point = (np.nan, np.nan, np.nan),
+        inside: Point = _NOWHERE,
         thickness: float = 0.0,
         rank: int = 0,
         reach: float,
@@ -180,17 +181,16 @@ class Site:
         points: Sequence[Point],
         material: Material,
         *,
-        inside: Point | None = None,
+        inside: Point = _NOWHERE,
         rank: int = 0,
-        reach: float = 420.0,
+        reach: float = 420,
     ) -> None:
         """Adds a face, as `MeshBuilder.add` does."""
-        hidden = self.point(*inside) if inside else (np.nan, np.nan, np.nan)
         corners = [self.point(*point) for point in points]
-        self.mesh.add(corners, material, self.anchor, inside=hidden, rank=rank, reach=reach)
+        self.mesh.add(corners, material, self.anchor, inside=self.point(*inside), rank=rank, reach=reach)
 
     def stroke(
-        self, start: Point, end: Point, thickness: float, material: Material, *, rank: int = 0, reach: float = 200.0
+        self, start: Point, end: Point, thickness: float, material: Material, *, rank: int = 0, reach: float = 200
     ) -> None:
         """Adds a line with a thickness in metres: a pole, a rail."""
         ends = self.point(*start), self.point(*end)

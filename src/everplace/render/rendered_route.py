@@ -85,7 +85,7 @@ def render_route(out: Path, config: RenderConfig, *, progress: Progress = quiet,
         for condition in config.conditions:
             drive = open_drive(world, condition)
             poses = drive_poses(world, config, condition)
-            frames = _frames(drive, [(float(x), float(y), float(turn)) for x, y, turn in poses], config.size, pool)
+            frames = _frames(drive, poses.tolist(), config.size, pool)
             shown = progress(frames, f"rendering {condition}", config.places)
             _write_traverse(directory / condition, config, poses, shown)
         table = {"tolerance": 1, "traverses": {name: {"condition": name} for name in config.conditions}}

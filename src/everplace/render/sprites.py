@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from itertools import product
 
 import cv2
 import numpy as np
@@ -87,10 +88,8 @@ class Nursery:
 
     def grow_all(self) -> None:
         """Grows every plant now, so that copies of the nursery need not."""
-        for plant in Plant:
-            for variant in range(VARIANTS):
-                for from_left in (False, True):
-                    self.picture(plant, variant, from_left)
+        for plant, variant, from_left in product(Plant, range(VARIANTS), (False, True)):
+            self.picture(plant, variant, from_left)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,14 +115,7 @@ class _Drawing:
         return [c * (shade + (sun - shade) * strength) for c, shade, sun in shades]
 
     def stroke(
-        self,
-        start: _Point,
-        end: _Point,
-        thickness: float,
-        colour: Sequence[float],
-        light: float,
-        *,
-        snow: bool = False,
+        self, start: _Point, end: _Point, thickness: float, colour: Sequence[float], light: float, *, snow: bool = False
     ) -> None:
         """Draws a line; snow colours only what is there: it does not change a shape."""
         first, last = _fixed_point(start), _fixed_point(end)
