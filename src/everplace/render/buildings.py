@@ -6,27 +6,22 @@ from itertools import pairwise
 
 import numpy as np
 
-from everplace.render.mesh import Material, Site
+from everplace.render.mesh import Material, Pair, Site, upright
 
 __all__ = ["barn", "box", "church", "house", "silo", "water_tower"]
-
-
-Pair = tuple[float, float]
-"""Metres along and across an object."""
 
 
 def box(
     site: Site, centre: Pair, half: Pair, heights: Pair, material: Material, *, rank: int = 0, reach: float = 420.0
 ) -> None:
     """A box around a centre, of half a length and width; `heights` are its bottom and top above the ground."""
-    (ca, cb), (low, high) = centre, heights
+    low, high = heights
     ring = _ring(centre, half)
-    inside = (ca, cb, (low + high) / 2)
-    for (a0, b0), (a1, b1) in pairwise(ring):
-        wall = ((a0, b0, low), (a1, b1, low), (a1, b1, high), (a0, b0, high))
-        site.face(wall, material, inside=inside, rank=rank, reach=reach)
+    inside = (*centre, (low + high) / 2)
+    for start, end in pairwise(ring):
+        site.face(upright(start, end, low, high), material, inside=inside, rank=rank, reach=reach)
     for level in heights:
-        site.face([(u, v, level) for u, v in ring[:4]], material, inside=inside, rank=rank, reach=reach)
+        site.face([(*corner, level) for corner in ring[:4]], material, inside=inside, rank=rank, reach=reach)
 
 
 def _ring(centre: Pair, half: Pair) -> list[Pair]:
@@ -57,9 +52,8 @@ def _window(site: Site, at: Pair, axis: str, size: Pair, sill: float, material: 
     inside = (along * 0.5, across * 0.5, sill)
     for grow, paint, rank, reach in ((0.14, Material.WHITE, 1, 70.0), (0.0, material, 2, 170.0)):
         (da, ga), (db, gb) = ((half, grow), (0, 0)) if axis == "along" else ((0, 0), (half, grow))
-        a0, a1, b0, b1 = along - da - ga, along + da + ga, across - db - gb, across + db + gb
-        low, high = sill - grow, sill + tall + grow
-        pane = ((a0, b0, low), (a1, b1, low), (a1, b1, high), (a0, b0, high))
+        start, end = (along - da - ga, across - db - gb), (along + da + ga, across + db + gb)
+        pane = upright(start, end, sill - grow, sill + tall + grow)
         site.face(pane, paint, inside=inside, rank=rank, reach=reach)
 
 
@@ -105,8 +99,8 @@ def church(site: Site) -> None:
         for side in (-1, 1):
             _window(site, (place, side * 4.55), "along", (0.5, 3.0), 2.0)
     box(site, (11.5, 0), (2.6, 2.6), (-2, 17), white, rank=4, reach=900)
-    for (a0, b0), (a1, b1) in pairwise(_ring((11.5, 0), (2.9, 2.9))):
-        spire = ((a0, b0, 16.6), (a1, b1, 16.6), (11.5, 0, 28))
+    for start, end in pairwise(_ring((11.5, 0), (2.9, 2.9))):
+        spire = ((*start, 16.6), (*end, 16.6), (11.5, 0, 28))
         site.face(spire, slate, inside=(11.5, 0, 14), rank=5, reach=900)
 
 
@@ -126,8 +120,7 @@ def _drum(site: Site, radius: float, heights: Pair, cone: float, material: Mater
     inside = (0, 0, (low + high) / 2)
     angles = np.linspace(0, 2 * np.pi, 11)
     ring = zip((radius * np.cos(angles)).tolist(), (radius * np.sin(angles)).tolist(), strict=True)
-    for (a0, b0), (a1, b1) in pairwise(ring):
-        wall = ((a0, b0, low), (a1, b1, low), (a1, b1, high), (a0, b0, high))
-        site.face(wall, material, inside=inside, rank=rank, reach=900)
-        roof = ((a0, b0, high), (a1, b1, high), (0, 0, high + cone))
+    for start, end in pairwise(ring):
+        site.face(upright(start, end, low, high), material, inside=inside, rank=rank, reach=900)
+        roof = ((*start, high), (*end, high), (0, 0, high + cone))
         site.face(roof, material, inside=inside, rank=rank + 1, reach=900)

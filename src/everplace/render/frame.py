@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,7 +14,7 @@ from everplace.render.ground import paint_ground
 from everplace.render.lens import add_rain, expose
 from everplace.render.light import add_haze, add_reflections, cast_shadows, light_night
 from everplace.render.look import look_of_drive
-from everplace.render.painter import Canvas, draw_scene, visible_faces, visible_plants
+from everplace.render.painter import Layers, draw_scene, visible_faces, visible_plants
 from everplace.render.render_config import CONDITIONS
 from everplace.render.road import Column
 from everplace.render.sky import paint_sky
@@ -23,25 +22,13 @@ from everplace.render.sprites import Nursery
 from everplace.render.terrain import FAR, view_terrain
 from everplace.render.world import World
 
-__all__ = ["Drive", "Layers", "Pose", "camera_at", "open_drive"]
+__all__ = ["Drive", "Pose", "camera_at", "open_drive"]
 
 Pose = tuple[float, float, float]
 """x and y in metres, heading in radians counter-clockwise from the x axis."""
 
 _EYE = 1.9
 _DRAWN_PIXELS = 96 * 192
-
-
-class Layers(NamedTuple):
-    """A scene before the lens, at the resolution it is drawn in.
-
-    Attributes:
-        light: H × W × 3, RGB of 0 to 255 and above.
-        depth: H × W, metres to what is seen; `terrain.FAR` in the sky.
-    """
-
-    light: NDArray[np.float32]
-    depth: NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,25 +79,20 @@ class Drive:
         rows = min(camera.height, land.top + int(np.argmax(land.seen, axis=0).max()) + 1)
         image[:rows] = paint_sky(camera, look, world.grain, rows)
         cv2.copyTo(ground, land.seen.view(np.uint8), image[land.top :])
-        land_depth = np.full((camera.height, camera.width), FAR, np.float32)
-        land_depth[land.top :] = land.depth
-
-        colour = np.asarray(cv2.cvtColor(cv2.convertScaleAbs(image), cv2.COLOR_RGB2RGBA), np.uint8)
-        canvas = Canvas(colour, land_depth.copy())
-        faces = visible_faces(world.mesh, camera)
-        draw_scene(canvas, camera, visible_plants(world.plants, camera), faces, self.nursery)
-        light = cv2.cvtColor(canvas.colour, cv2.COLOR_RGBA2RGB).astype(np.float32)
+        depth = np.full((camera.height, camera.width), FAR, np.float32)
+        depth[land.top :] = land.depth
+        plants, faces = visible_plants(world.plants, camera), visible_faces(world.mesh, camera)
+        scene = draw_scene(Layers(image, depth), camera, plants, faces, self.nursery)
         # Soft edges reach a pixel into the sky: they belong to the object, or they would shine at night.
-        nearest = cv2.erode(canvas.depth, np.ones((3, 3), np.uint8))
-        reach = np.where(canvas.depth < FAR, canvas.depth, nearest).astype(np.float32)
-        if look.dark:
-            light = light_night(light, reach, camera, faces)
+        nearest = cv2.erode(scene.depth, np.ones((3, 3), np.uint8))
+        reach = np.where(scene.depth < FAR, scene.depth, nearest).astype(np.float32)
+        light = light_night(scene.light, reach, camera, faces) if look.dark else scene.light
         add_haze(light, reach, look)
-        mirror = np.zeros_like(land_depth)
+        mirror = np.zeros_like(depth)
         mirror[land.top :] = np.where(land.seen, gloss, 0)
-        mirror[canvas.depth != land_depth] = 0
+        mirror[scene.depth != depth] = 0
         add_reflections(light, mirror, camera, look)
-        return Layers(light, canvas.depth)
+        return Layers(light, scene.depth)
 
 
 def open_drive(world: World, condition: str) -> Drive:

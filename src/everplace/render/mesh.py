@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Material", "Mesh", "MeshBuilder", "Point", "Site"]
+__all__ = ["Material", "Mesh", "MeshBuilder", "Pair", "Point", "Site", "upright"]
 
+Pair = tuple[float, float]
 Point = tuple[float, float, float]
 _NOWHERE = (np.nan, np.nan, np.nan)
 
@@ -98,7 +99,7 @@ class MeshBuilder:
         self,
         points: Sequence[Point],
         material: Material,
-        anchor: tuple[float, float],
+        anchor: Pair,
         *,
         inside: Point = _NOWHERE,
         thickness: float = 0.0,
@@ -148,6 +149,11 @@ def _outward(corners: NDArray[np.float64], inside: NDArray[np.float64]) -> NDArr
     return normals
 
 
+def upright(start: Pair, end: Pair, low: float, high: float) -> tuple[Point, Point, Point, Point]:
+    """Returns the corners of an upright face over the line from `start` to `end` on the map."""
+    return (*start, low), (*end, low), (*end, high), (*start, high)
+
+
 @dataclass(frozen=True, slots=True)
 class Site:
     """Where an object stands. Its faces are given in metres along and across its axis and above its ground.
@@ -167,7 +173,7 @@ class Site:
     yaw: float
 
     @property
-    def anchor(self) -> tuple[float, float]:
+    def anchor(self) -> Pair:
         """Its ground position."""
         return self.x, self.y
 

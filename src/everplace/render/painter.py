@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -15,7 +14,7 @@ from everplace.render.mesh import Material, Mesh
 from everplace.render.planner import Plants
 from everplace.render.sprites import LEVELS, SPRITE_SIZE, Nursery, Plant
 
-__all__ = ["Canvas", "FacesInView", "PlantsInView", "draw_scene", "visible_faces", "visible_plants"]
+__all__ = ["FacesInView", "Layers", "PlantsInView", "draw_scene", "visible_faces", "visible_plants"]
 
 _NEAR = 0.4
 # Land nearer than these depths is laid over the objects behind it again, so that hills hide what stands behind them.
@@ -24,16 +23,15 @@ _SHIFT = 4
 _PALETTE = np.array([material.colour for material in Material], np.float64)
 
 
-@dataclass(frozen=True, slots=True)
-class Canvas:
-    """The image while it is painted.
+class Layers(NamedTuple):
+    """A scene before the lens, at the resolution it is drawn in.
 
     Attributes:
-        colour: H × W × 4, uint8, RGB and an unused channel.
-        depth: H × W, metres to what each pixel shows.
+        light: H × W × 3, RGB of 0 to 255 and above.
+        depth: H × W, metres to what is seen; `terrain.FAR` in the sky.
     """
 
-    colour: NDArray[np.uint8]
+    light: NDArray[np.float32]
     depth: NDArray[np.float32]
 
 
@@ -99,17 +97,18 @@ def visible_faces(mesh: Mesh, camera: Camera) -> FacesInView:
     return FacesInView(mesh.part(shows), local[shows], depth[shows])
 
 
-def draw_scene(canvas: Canvas, camera: Camera, plants: PlantsInView, faces: FacesInView, nursery: Nursery) -> None:
-    """Draws plants and faces onto the canvas, in place.
+def draw_scene(land: Layers, camera: Camera, plants: PlantsInView, faces: FacesInView, nursery: Nursery) -> Layers:
+    """Draws plants and faces over the land.
 
     Args:
-        canvas: Holds the finished land and sky.
+        land: The finished land and sky.
         camera: The camera.
         plants: Plants in view.
         faces: Faces in view.
         nursery: Has the look and the pictures of the plants.
     """
-    land, land_depth = canvas.colour.copy(), canvas.depth.copy()
+    land_colour = np.asarray(cv2.cvtColor(cv2.convertScaleAbs(land.light), cv2.COLOR_RGB2RGBA), np.uint8)
+    colour, depth = land_colour.copy(), land.depth.copy()
     pastings, fillings = _pastings(plants, camera, nursery), _fillings(faces, camera, nursery.look)
     depths = np.concatenate([plants.depths, faces.depths])
     ranks = np.concatenate([np.zeros(len(pastings), np.int32), faces.mesh.ranks])
@@ -119,15 +118,16 @@ def draw_scene(canvas: Canvas, camera: Camera, plants: PlantsInView, faces: Face
         while bands and depths[item] < bands[0]:
             edge = bands.pop(0)
             if drawn:
-                hides = (land_depth < edge).view(np.uint8)
-                cv2.copyTo(land, hides, canvas.colour)
-                cv2.copyTo(land_depth, hides, canvas.depth)
+                hides = (land.depth < edge).view(np.uint8)
+                cv2.copyTo(land_colour, hides, colour)
+                cv2.copyTo(land.depth, hides, depth)
                 drawn = False
         drawn = True
         if item < len(pastings):
-            _paste(canvas, pastings[item])
+            _paste(colour, depth, pastings[item])
         else:
-            _fill(canvas, fillings[item - len(pastings)])
+            _fill(colour, depth, fillings[item - len(pastings)])
+    return Layers(cv2.cvtColor(colour, cv2.COLOR_RGBA2RGB).astype(np.float32), depth)
 
 
 class _Filling(NamedTuple):
@@ -181,15 +181,15 @@ def _clip(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array(kept)
 
 
-def _fill(canvas: Canvas, face: _Filling) -> None:
+def _fill(colour: NDArray[np.uint8], depth: NDArray[np.float32], face: _Filling) -> None:
     if face.thickness == 0:
-        cv2.fillConvexPoly(canvas.colour, face.corners, face.colour, cv2.LINE_AA, _SHIFT)
-        cv2.fillConvexPoly(canvas.depth, face.corners, (face.depth,), cv2.LINE_8, _SHIFT)
+        cv2.fillConvexPoly(colour, face.corners, face.colour, cv2.LINE_AA, _SHIFT)
+        cv2.fillConvexPoly(depth, face.corners, (face.depth,), cv2.LINE_8, _SHIFT)
     elif face.thickness > 0.15 and len(face.corners) > 1:
         start, end = face.corners[:2].tolist()
         width = min(255, max(1, round(face.thickness)))
-        cv2.line(canvas.colour, start, end, face.colour, width, cv2.LINE_AA, _SHIFT)
-        cv2.line(canvas.depth, start, end, (face.depth,), width, cv2.LINE_8, _SHIFT)
+        cv2.line(colour, start, end, face.colour, width, cv2.LINE_AA, _SHIFT)
+        cv2.line(depth, start, end, (face.depth,), width, cv2.LINE_8, _SHIFT)
 
 
 class _Pasting(NamedTuple):
@@ -223,14 +223,14 @@ def _pastings(plants: PlantsInView, camera: Camera, nursery: Nursery) -> list[_P
     return [*map(_Pasting, pictures, boxes, warps, plants.depths.tolist())]
 
 
-def _paste(canvas: Canvas, plant: _Pasting) -> None:
+def _paste(colour: NDArray[np.uint8], depth: NDArray[np.float32], plant: _Pasting) -> None:
     x0, y0, x1, y1 = plant.box
     if x1 <= x0 or y1 <= y0:
         return
     patch = cv2.warpAffine(plant.picture, plant.warp, (x1 - x0, y1 - y0), flags=cv2.INTER_LINEAR)
     alpha = patch[..., 3]
     opaque = cv2.bitwise_not(alpha)
-    part = canvas.colour[y0:y1, x0:x1]
+    part = colour[y0:y1, x0:x1]
     cv2.multiply(part, cv2.merge((opaque, opaque, opaque, opaque)), part, 1 / 255)
     cv2.add(part, patch, part)
-    np.copyto(canvas.depth[y0:y1, x0:x1], np.float32(plant.depth), where=alpha > 110)
+    np.copyto(depth[y0:y1, x0:x1], np.float32(plant.depth), where=alpha > 110)

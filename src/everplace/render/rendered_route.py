@@ -17,8 +17,8 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from everplace.errors import MachineError, StorageError
-from everplace.files import readable, require_free_directory, whole_directory
+from everplace.errors import MachineError
+from everplace.files import require_free_directory, whole_directory
 from everplace.progress import Progress, quiet
 from everplace.render.frame import Drive, Pose, open_drive
 from everplace.render.noise import profile
@@ -103,9 +103,7 @@ def _write_traverse(
     options = [cv2.IMWRITE_JPEG_QUALITY, config.quality] if config.format == "jpg" else []
     for stem, frame in zip(stems, frames, strict=True):
         path = directory / f"{stem}.{config.format}"
-        done, data = cv2.imencode(path.suffix, cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), options)
-        if not done:
-            raise StorageError(f"cannot encode {readable(path)}: choose the other format")
+        _, data = cv2.imencode(path.suffix, cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), options)
         path.write_bytes(data.tobytes())
     lines = [f"{stem},{x:.4f},{y:.4f},{heading:.6f}" for stem, (x, y, heading) in zip(stems, poses, strict=True)]
     (directory / "poses.csv").write_text("\n".join(["stem,x,y,heading", *lines, ""]), encoding="utf-8")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from everplace.render.buildings import box
-from everplace.render.mesh import Material, Point, Site
+from everplace.render.mesh import Material, Point, Site, upright
 
 __all__ = ["bridge", "lamp", "pylon", "sign", "turbine"]
 
@@ -22,15 +24,12 @@ def sign(site: Site, board: Material, shape: str) -> None:
     site.stroke((0, 0, -0.5), (0, 0, 2.6), 0.1, Material.METAL, reach=140)
     if shape == "triangle":
         border = Material.RED
-        outer: tuple[Point, ...] = ((0, -0.6, 1.7), (0, 0.6, 1.7), (0, 0, 2.8))
-        inner: tuple[Point, ...] = ((0, -0.33, 1.87), (0, 0.33, 1.87), (0, 0, 2.5))
+        outer: Sequence[Point] = ((0, -0.6, 1.7), (0, 0.6, 1.7), (0, 0, 2.8))
+        inner: Sequence[Point] = ((0, -0.33, 1.87), (0, 0.33, 1.87), (0, 0, 2.5))
     else:
         border = Material.WHITE
         half, low, high = (0.5, 1.7, 2.7) if shape == "square" else (1.6, 1.5, 3.1)
-        outer, inner = (
-            ((0, m - half, low + m), (0, half - m, low + m), (0, half - m, high - m), (0, m - half, high - m))
-            for m in (0.0, 0.1)
-        )
+        outer, inner = (upright((0, m - half), (0, half - m), low + m, high - m) for m in (0.0, 0.1))
     site.face(outer, border, rank=1, reach=160)
     site.face(inner, board, rank=2, reach=120)
 
