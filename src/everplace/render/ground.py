@@ -184,7 +184,7 @@ def _light(world: World, land: Land, look: Look, shadow: Image) -> Image:
     shade, sun = np.array(look.shade_colour, np.float32), np.array(look.sun_colour, np.float32)
     if not look.sun:
         return shade
-    ux, uy = float(np.cos(look.sun_azimuth)), float(np.sin(look.sun_azimuth))
+    ux, uy = look.sunward
     tangent = float(np.tan(look.sun_elevation))
     length = np.sqrt(1 + land.slope_x**2 + land.slope_y**2)
     facing = (tangent - land.slope_x * ux - land.slope_y * uy) / (length * tangent)

@@ -10,6 +10,7 @@ from everplace.render.camera import Camera
 from everplace.render.look import Look
 from everplace.render.mesh import Material, Mesh
 from everplace.render.painter import FacesInView
+from everplace.render.planner import Plants
 from everplace.render.terrain import FAR
 from everplace.render.world import World
 
@@ -31,8 +32,8 @@ def cast_shadows(world: World, camera: Camera, look: Look) -> Image:
     if look.sun < 0.2:
         return mask.astype(np.float32)
     length = min(1 / np.tan(look.sun_elevation), 4.5)
-    away = (-float(np.cos(look.sun_azimuth)), -float(np.sin(look.sun_azimuth)))
-    crowns = _crowns(world, camera, away, length)
+    away = (-look.sunward[0], -look.sunward[1])
+    crowns = _crowns(world.plants, camera, away, length)
     walls = np.repeat(_walls(world.mesh, camera, away, length), 2, axis=1)
     outline = np.concatenate([crowns, walls])
     if len(outline):
@@ -50,9 +51,9 @@ def cast_shadows(world: World, camera: Camera, look: Look) -> Image:
     return cv2.blur(mask, (blur, 3)).astype(np.float32) * np.float32(0.9 / 255)
 
 
-def _crowns(world: World, camera: Camera, away: tuple[float, float], length: float) -> NDArray[np.float64]:
+def _crowns(plants: Plants, camera: Camera, away: tuple[float, float], length: float) -> NDArray[np.float64]:
     """Outlines of the plants' shadows, n × 8 × 4: map position, height of the foot, share of the shadow's length."""
-    plants = world.plants.between(camera.x - 70, camera.x + _SHADOW_REACH)
+    plants = plants.between(camera.x - 70, camera.x + _SHADOW_REACH)
     side, _, depth = camera.local(plants.places).T
     keep = (depth > -45) & (depth < _SHADOW_REACH) & (np.abs(side) < 0.8 * np.abs(depth) + 50)
     places, sizes = plants.places[keep], plants.sizes[keep]

@@ -28,7 +28,7 @@ class Look:
     Attributes:
         sun_azimuth: Direction to the sun, radians counter-clockwise from the x axis.
         sun_elevation: Radians above the horizon.
-        sun: Strength of the direct light, 0 (overcast) to 1; sharp shadows fall where it is above 0.
+        sun: Strength of the direct light, 0 (overcast) to 1; shadows fall from 0.2 on.
         sun_colour: Factor on the colour of sunlit surfaces, per channel.
         shade_colour: Factor on the colour of shaded surfaces, per channel.
         zenith: Colour of the sky overhead.
@@ -84,6 +84,11 @@ class Look:
     warmth: float
     noise: float
     cloud_offset: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def sunward(self) -> tuple[float, float]:
+        """Unit vector on the ground towards the sun."""
+        return float(np.cos(self.sun_azimuth)), float(np.sin(self.sun_azimuth))
 
 
 def _read_looks() -> dict[str, Look]:

@@ -162,8 +162,9 @@ def _lit_colours(mesh: Mesh, look: Look) -> NDArray[np.float64]:
     upward = np.clip((mesh.normals[:, 2:] - 0.25) / 0.3, 0, 1)
     colours += (np.array((232, 236, 244)) - colours) * upward * look.snow
     colours *= 1 - 0.3 * look.wet * upward
-    c = np.cos(look.sun_elevation)
-    sun = np.array((np.cos(look.sun_azimuth) * c, np.sin(look.sun_azimuth) * c, np.sin(look.sun_elevation)))
+    x, y = look.sunward
+    level = np.cos(look.sun_elevation)
+    sun = np.array((x * level, y * level, np.sin(look.sun_elevation)))
     facing = np.where(mesh.normals.any(axis=1), mesh.normals @ sun, 0.45)
     direct = look.sun * np.clip(1.25 * facing, 0, 1)[:, None]
     shade = np.array(look.shade_colour) * (0.86 + 0.14 * mesh.normals[:, 2:])
@@ -213,8 +214,7 @@ def _pastings(plants: PlantsInView, camera: Camera, nursery: Nursery) -> list[_P
     warps[:, 0, 0], warps[:, 1, 1] = sx, sy
     warps[:, 0, 2] = left - low[:, 0] + 0.5 * sx - 0.5
     warps[:, 1, 2] = top - low[:, 1] + 0.5 * sy - 0.5
-    sun = np.array([np.cos(nursery.look.sun_azimuth), np.sin(nursery.look.sun_azimuth)])
-    from_left = bool(sun @ np.array(camera.right) < 0)
+    from_left = bool(np.array(nursery.look.sunward) @ np.array(camera.right) < 0)
     pictures = (
         nursery.picture(Plant(kind), variant, from_left)[level]
         for kind, variant, level in zip(plants.plants.kinds, plants.plants.variants.tolist(), levels, strict=True)

@@ -30,9 +30,9 @@ __all__ = ["drive_poses", "render_route", "route_world"]
 
 # Frames that a worker renders at a time: enough to make up for sending it the world.
 _BATCH = 16
-_AHEAD = 3
+_BATCHES_AHEAD = 3
 # Places over which a driver's offset from the ideal line stays alike.
-_STEADY = 6.0
+_STEADY_PLACES = 6.0
 
 
 def route_world(config: RenderConfig) -> World:
@@ -50,7 +50,7 @@ def drive_poses(world: World, config: RenderConfig, condition: str) -> NDArray[n
         N × 3: x, y in metres, heading in radians.
     """
     rng = np.random.default_rng([config.seed, 3, CONDITIONS.index(condition)])
-    across, along, turn = (np.clip(profile(rng, config.places, _STEADY), -2.5, 2.5) for _ in range(3))
+    across, along, turn = (np.clip(profile(rng, config.places, _STEADY_PLACES), -2.5, 2.5) for _ in range(3))
     arc = config.spacing * np.arange(config.places) + config.longitudinal_std * along
     positions = world.road.x_of_arc(arc)
     road = world.road.lookup(positions.astype(np.float32)).astype(np.float64)
@@ -153,7 +153,7 @@ def _frames(
     for first in range(0, len(poses), _BATCH):
         with _sigint_ignored():  # handing over work may start a worker
             waiting.append(pool.submit(_render, drive, poses[first : first + _BATCH], size))
-        if len(waiting) > _AHEAD:
+        if len(waiting) > _BATCHES_AHEAD:
             yield from waiting.popleft().result()
     for future in waiting:
         yield from future.result()

@@ -40,7 +40,7 @@ WOODS = (Biome.CONIFERS, Biome.WOODLAND)
 
 
 class Column(IntEnum):
-    """Columns of the road's table; left and right are the sides of the road."""
+    """Columns of the road's table; where the sides of the road differ, right follows left."""
 
     CENTRE = 0
     COSINE = 1

@@ -35,7 +35,7 @@ def paint_sky(camera: Camera, look: Look, grain: NDArray[np.float32], rows: int)
     sky = horizon + (zenith - horizon) * np.sqrt(height)
 
     dx, dy = (fx + u * rx)[None, :], (fy + u * ry)[None, :]
-    sun = np.array([np.cos(look.sun_azimuth), np.sin(look.sun_azimuth), np.tan(look.sun_elevation)], np.float32)
+    sun = np.array([*look.sunward, np.tan(look.sun_elevation)], np.float32)
     sun /= np.linalg.norm(sun)
     cosine = np.clip((dx * sun[0] + dy * sun[1] + v[:, None] * sun[2]) / norm, 0, 1)
     if look.sun:
