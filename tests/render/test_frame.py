@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from everplace.errors import ConfigError
-from everplace.render.frame import Drive, Pose, camera_at, open_drive, render_frame
+from everplace.render.frame import Drive, Pose, camera_at, open_drive
 from everplace.render.painter import visible_plants
 from everplace.render.render_config import CONDITIONS, RenderConfig
 from everplace.render.rendered_route import drive_poses
-from everplace.render.sprites import DECIDUOUS
+from everplace.render.sprites import Plant
 from everplace.render.terrain import FAR
 from everplace.render.world import World
 
@@ -40,10 +40,10 @@ def test_the_same_place_has_the_same_geometry_under_every_condition(
         camera = camera_at(world, poses[place], (96, 192))
         depths = {condition: drive.layers(camera).depth for condition, drive in drives.items()}
         assert 0.2 < (depths["summer"] < FAR).mean() < 1
-        plants = visible_plants(world.scenery.plants, camera)
+        plants = visible_plants(world.plants, camera)
         firm = np.ones((96, 192), bool)
-        for kind, box in zip(plants.kinds, plants.boxes, strict=True):
-            if int(kind) in DECIDUOUS:
+        for kind, box in zip(plants.plants.kinds, plants.boxes, strict=True):
+            if kind != Plant.CONIFER:
                 left, top, right, bottom = np.clip(np.round(box), 0, 192).astype(int)
                 firm[max(0, top - 1) : bottom + 2, max(0, left - 1) : right + 2] = False
         assert firm.mean() > 0.25
@@ -68,7 +68,7 @@ def test_a_frame_is_a_function_of_its_arguments(world: World, drives: dict[str, 
     first = drives["night"].frame(poses[7], (48, 64))
     drives["night"].frame(poses[8], (48, 64))
     np.testing.assert_array_equal(drives["night"].frame(poses[7], (48, 64)), first)
-    np.testing.assert_array_equal(render_frame(world, "night", poses[7], (48, 64)), first)
+    np.testing.assert_array_equal(open_drive(world, "night").frame(poses[7], (48, 64)), first)
 
 
 def test_moving_the_camera_moves_the_picture(drives: dict[str, Drive], poses: list[Pose]) -> None:

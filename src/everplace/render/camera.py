@@ -69,11 +69,16 @@ class Camera:
         y = np.float32(self.y) + depth * (np.float32(fy) + sideways * np.float32(ry))
         return x, y
 
+    def depth(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns how far world points (... × 2 or 3, metres) lie along the optical axis."""
+        fx, fy = self.forward
+        return np.asarray((points[..., 0] - self.x) * fx + (points[..., 1] - self.y) * fy)
+
     def local(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Turns world points (... × 3, metres) into (right, up, depth) as seen from the camera."""
-        (fx, fy), (rx, ry) = self.forward, self.right
-        dx, dy = points[..., 0] - self.x, points[..., 1] - self.y
-        return np.stack([dx * rx + dy * ry, points[..., 2] - self.z, dx * fx + dy * fy], axis=-1)
+        rx, ry = self.right
+        side = (points[..., 0] - self.x) * rx + (points[..., 1] - self.y) * ry
+        return np.stack([side, points[..., 2] - self.z, self.depth(points)], axis=-1)
 
     def project(self, local: NDArray[np.float64]) -> NDArray[np.float64]:
         """Projects (right, up, depth) with positive depth to (column, row) in pixels, edges of the image at 0."""

@@ -13,8 +13,8 @@ from everplace.render.camera import Camera
 from everplace.render.ground import paint_ground
 from everplace.render.lens import add_rain, expose
 from everplace.render.light import add_haze, add_reflections, cast_shadows, light_night
-from everplace.render.look import Look, look_of_drive
-from everplace.render.painter import Canvas, draw_scene, paint_faces, visible_faces, visible_plants
+from everplace.render.look import look_of_drive
+from everplace.render.painter import Layers, draw_scene, visible_faces, visible_plants
 from everplace.render.render_config import CONDITIONS
 from everplace.render.road import Column
 from everplace.render.sky import paint_sky
@@ -22,7 +22,7 @@ from everplace.render.sprites import Nursery
 from everplace.render.terrain import FAR, view_terrain
 from everplace.render.world import World
 
-__all__ = ["Drive", "Layers", "Pose", "camera_at", "open_drive", "render_frame"]
+__all__ = ["Drive", "Pose", "camera_at", "open_drive"]
 
 Pose = tuple[float, float, float]
 """x and y in metres, heading in radians counter-clockwise from the x axis."""
@@ -32,32 +32,17 @@ _DRAWN_PIXELS = 96 * 192
 
 
 @dataclass(frozen=True, slots=True)
-class Layers:
-    """A scene before the lens, at the resolution it is drawn in.
-
-    Attributes:
-        light: H × W × 3, RGB of 0 to 255 and above.
-        depth: H × W, metres to what is seen; `terrain.FAR` in the sky.
-    """
-
-    light: NDArray[np.float32]
-    depth: NDArray[np.float32]
-
-
-@dataclass(frozen=True, slots=True)
 class Drive:
     """One drive through a world under one condition.
 
     Attributes:
         world: The world.
         condition: Name of the condition.
-        look: The condition as it was on this drive.
-        nursery: Grows the pictures of the plants under this look.
+        nursery: Has the condition's look on this drive, and the pictures of the plants under it.
     """
 
     world: World
     condition: str
-    look: Look
     nursery: Nursery
 
     def frame(self, pose: Pose, size: tuple[int, int]) -> NDArray[np.uint8]:
@@ -71,56 +56,43 @@ class Drive:
             H × W × 3, uint8, RGB; always the same for the same arguments.
         """
         height, width = size
-        drawn = _drawn_size(height, width)
-        layers = self.layers(camera_at(self.world, pose, drawn))
-        light = layers.light
-        rng = np.random.default_rng([self.world.seed, 2, CONDITIONS.index(self.condition), *_digits(pose)])
-        if self.look.rain:
+        # Small images are drawn larger, so that fine things do not flicker.
+        scale = float(np.clip(np.sqrt(_DRAWN_PIXELS / (height * width)), 1, 8))
+        drawn = round(height * scale), round(width * scale)
+        light = self.layers(camera_at(self.world, pose, drawn)).light
+        # The noise follows from the pose in steps of 0.1 mm and 0.1 mrad.
+        digits = [round(value * 1e4) % 2**32 for value in pose]
+        rng = np.random.default_rng([self.world.seed, 2, CONDITIONS.index(self.condition), *digits])
+        if self.nursery.look.wet:
             light = add_rain(light, rng)
         if drawn != size:
             light = np.asarray(cv2.resize(light, (width, height), interpolation=cv2.INTER_AREA))
-        return expose(light, self.look, rng)
+        return expose(light, self.nursery.look, rng)
 
     def layers(self, camera: Camera) -> Layers:
         """Draws the scene in front of a camera."""
-        world, look = self.world, self.look
+        world, look = self.world, self.nursery.look
         land = view_terrain(world.terrain, camera)
         shadow = cast_shadows(world, camera, look)
-        ground = paint_ground(world, land, look, shadow[land.top :], camera.focal)
+        ground, gloss = paint_ground(world, land, look, shadow[land.top :], camera.focal)
         image = np.empty((camera.height, camera.width, 3), np.float32)
-        rows = min(camera.height, land.top + int(np.max(np.argmax(land.seen, axis=0), initial=0)) + 1)
-        image[:rows] = paint_sky(camera, look, world.grain, rows, 0.12 * camera.x)
-        cv2.copyTo(ground.colour, land.seen.view(np.uint8), image[land.top :])
+        rows = min(camera.height, land.top + int(np.argmax(land.seen, axis=0).max()) + 1)
+        image[:rows] = paint_sky(camera, look, world.grain, rows)
+        cv2.copyTo(ground, land.seen.view(np.uint8), image[land.top :])
         depth = np.full((camera.height, camera.width), FAR, np.float32)
         depth[land.top :] = land.depth
-        mirror = np.zeros_like(depth)
-        mirror[land.top :] = np.where(land.seen, ground.mirror, 0)
-
-        canvas = Canvas(np.asarray(cv2.cvtColor(cv2.convertScaleAbs(image), cv2.COLOR_RGB2RGBA), np.uint8), depth)
-        land_depth = depth.copy()
-        mesh = world.scenery.mesh
-        plants, faces = visible_plants(world.scenery.plants, camera), visible_faces(mesh, camera)
-        sideways = np.array([np.cos(look.sun_azimuth), np.sin(look.sun_azimuth)]) @ np.array(camera.right)
-        draw_scene(
-            canvas,
-            camera,
-            plants,
-            faces,
-            mesh,
-            paint_faces(mesh, faces, look),
-            self.nursery,
-            bool(sideways < 0),
-        )
-        light = cv2.cvtColor(canvas.colour, cv2.COLOR_RGBA2RGB).astype(np.float32)
-        mirror[canvas.depth != land_depth] = 0
+        plants, faces = visible_plants(world.plants, camera), visible_faces(world.mesh, camera)
+        scene = draw_scene(Layers(image, depth), camera, plants, faces, self.nursery)
         # Soft edges reach a pixel into the sky: they belong to the object, or they would shine at night.
-        reach = np.asarray(cv2.erode(canvas.depth, np.ones((3, 3), np.uint8)), np.float32)
-        reach[canvas.depth < FAR] = canvas.depth[canvas.depth < FAR]
-        if look.dark:
-            light = light_night(light, reach, camera, mesh, faces)
+        nearest = cv2.erode(scene.depth, np.ones((3, 3), np.uint8))
+        reach = np.where(scene.depth < FAR, scene.depth, nearest).astype(np.float32)
+        light = light_night(scene.light, reach, camera, faces) if look.dark else scene.light
         add_haze(light, reach, look)
+        mirror = np.zeros_like(depth)
+        mirror[land.top :] = np.where(land.seen, gloss, 0)
+        mirror[scene.depth != depth] = 0
         add_reflections(light, mirror, camera, look)
-        return Layers(light, canvas.depth)
+        return Layers(light, scene.depth)
 
 
 def open_drive(world: World, condition: str) -> Drive:
@@ -132,25 +104,7 @@ def open_drive(world: World, condition: str) -> Drive:
     if condition not in CONDITIONS:
         raise ConfigError(f"cannot render the condition {condition!r}: choose from {', '.join(CONDITIONS)}")
     look = look_of_drive(condition, np.random.default_rng([world.seed, 1, CONDITIONS.index(condition)]))
-    return Drive(world, condition, look, Nursery(look))
-
-
-def render_frame(world: World, condition: str, pose: Pose, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Renders a single frame (for many frames of a condition, `open_drive` once).
-
-    Args:
-        world: The world.
-        condition: One of `config.CONDITIONS`.
-        pose: Where the camera is and looks.
-        size: Height and width in pixels.
-
-    Returns:
-        H × W × 3, uint8, RGB.
-
-    Raises:
-        ConfigError: There is no such condition.
-    """
-    return open_drive(world, condition).frame(pose, size)
+    return Drive(world, condition, Nursery(look))
 
 
 def camera_at(world: World, pose: Pose, size: tuple[int, int]) -> Camera:
@@ -159,14 +113,3 @@ def camera_at(world: World, pose: Pose, size: tuple[int, int]) -> Camera:
     here, ahead = (world.road.at(position, Column.HEIGHT) for position in (x, x + 14.0))
     height, width = size
     return Camera(x, y, here + _EYE, heading, 0.8 * (ahead - here) / 14.0, height, width)
-
-
-def _drawn_size(height: int, width: int) -> tuple[int, int]:
-    """Size to draw at before reduction: small images are drawn larger, so that fine things do not flicker."""
-    scale = float(np.clip(np.sqrt(_DRAWN_PIXELS / (height * width)), 1, 8))
-    return round(height * scale), round(width * scale)
-
-
-def _digits(pose: Pose) -> list[int]:
-    """A pose as whole numbers of 0.1 mm and 0.1 mrad, to seed the noise of its frame."""
-    return [round(value * 1e4) % 2**32 for value in pose]

@@ -61,10 +61,8 @@ def expose(image: Image, look: Look, rng: np.random.Generator) -> NDArray[np.uin
     """
     height, width = image.shape[:2]
     gain = np.array((look.warmth, 1.0, 1 / look.warmth), np.float32)
-    mean = float(image.mean())
-    automatic = float(np.clip((118 / max(mean, 1.0)) ** 0.35, 0.75, 1.35))
-    if look.dark:
-        automatic = float(np.clip((46 / max(mean, 1.0)) ** 0.4, 0.8, 1.6))
+    grey, power, low, high = (46, 0.4, 0.8, 1.6) if look.dark else (118, 0.35, 0.75, 1.35)
+    automatic = float(np.clip((grey / max(float(image.mean()), 1.0)) ** power, low, high))
     rows = (np.arange(height, dtype=np.float32)[:, None] + 0.5) / height - 0.5
     columns = (np.arange(width, dtype=np.float32)[None, :] + 0.5) / width - 0.5
     vignette = 1 - np.float32(0.5) * (rows**2 + columns**2) ** 1.5

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from everplace.render.camera import Camera
 from everplace.render.look import Look
 from everplace.render.mesh import Material, Mesh
-from everplace.render.painter import Faces
+from everplace.render.painter import FacesInView
+from everplace.render.planner import Plants
 from everplace.render.terrain import FAR
 from everplace.render.world import World
 
@@ -31,9 +32,9 @@ def cast_shadows(world: World, camera: Camera, look: Look) -> Image:
     if look.sun < 0.2:
         return mask.astype(np.float32)
     length = min(1 / np.tan(look.sun_elevation), 4.5)
-    away = (-float(np.cos(look.sun_azimuth)), -float(np.sin(look.sun_azimuth)))
-    crowns = _crowns(world, camera, away, length)
-    walls = np.repeat(_walls(world.scenery.mesh, camera, away, length), 2, axis=1)
+    away = (-look.sunward[0], -look.sunward[1])
+    crowns = _crowns(world.plants, camera, away, length)
+    walls = np.repeat(_walls(world.mesh, camera, away, length), 2, axis=1)
     outline = np.concatenate([crowns, walls])
     if len(outline):
         # The ground is taken as a slope between the foot of the object and the far end of its shadow.
@@ -50,16 +51,12 @@ def cast_shadows(world: World, camera: Camera, look: Look) -> Image:
     return cv2.blur(mask, (blur, 3)).astype(np.float32) * np.float32(0.9 / 255)
 
 
-def _crowns(world: World, camera: Camera, away: tuple[float, float], length: float) -> NDArray[np.float64]:
+def _crowns(plants: Plants, camera: Camera, away: tuple[float, float], length: float) -> NDArray[np.float64]:
     """Outlines of the plants' shadows, n × 8 × 4: map position, height of the foot, share of the shadow's length."""
-    plants = world.scenery.plants
-    first, last = np.searchsorted(plants.places[:, 0], (camera.x - 70, camera.x + _SHADOW_REACH))
-    places, sizes = plants.places[first:last], plants.sizes[first:last]
-    (fx, fy), (rx, ry) = camera.forward, camera.right
-    offset = places[:, :2] - (camera.x, camera.y)
-    depth, side = offset @ (fx, fy), offset @ (rx, ry)
+    plants = plants.between(camera.x - 70, camera.x + _SHADOW_REACH)
+    side, _, depth = camera.local(plants.places).T
     keep = (depth > -45) & (depth < _SHADOW_REACH) & (np.abs(side) < 0.8 * np.abs(depth) + 50)
-    places, sizes = places[keep], sizes[keep]
+    places, sizes = plants.places[keep], plants.sizes[keep]
     turns = np.linspace(0, 2 * np.pi, 9)[:-1]
     reach = np.broadcast_to(0.56 + 0.44 * np.cos(turns), (len(places), 8))
     along = sizes[:, :1] * length * reach
@@ -71,13 +68,11 @@ def _crowns(world: World, camera: Camera, away: tuple[float, float], length: flo
 
 def _walls(mesh: Mesh, camera: Camera, away: tuple[float, float], length: float) -> NDArray[np.float64]:
     """Outlines of the shadows of walls, roofs, posts and poles, n × 4 × 4: as for the crowns."""
-    first, last = np.searchsorted(mesh.anchors[:, 0], (camera.x - 40, camera.x + _SHADOW_REACH))
-    part = slice(int(first), int(last))
-    depth = (mesh.anchors[part] - (camera.x, camera.y)) @ np.array(camera.forward)
-    panes = (mesh.ranks[part] == 2) | (mesh.materials[part] == Material.WHITE)
-    posts, wires = mesh.thickness[part] > 0.05, mesh.materials[part] == Material.WIRE
-    casts = (depth > -30) & (depth < _SHADOW_REACH) & (posts | ~panes) & ~wires
-    corners = mesh.corners[part][casts]
+    mesh = mesh.between(camera.x - 40, camera.x + _SHADOW_REACH)
+    depth = camera.depth(mesh.anchors)
+    panes = (mesh.ranks == 2) | (mesh.materials == Material.WHITE)
+    posts, wires = mesh.thickness > 0.05, mesh.materials == Material.WIRE
+    corners = mesh.corners[(depth > -30) & (depth < _SHADOW_REACH) & (posts | ~panes) & ~wires]
     foot = corners[..., 2:].min(axis=1, keepdims=True)
     rise = corners[..., 2:] - foot
     points = corners[..., :2] + rise * length * np.array(away)
@@ -107,18 +102,17 @@ def add_reflections(image: Image, mirror: Image, camera: Camera, look: Look) -> 
     # Grazing light is reflected most (Fresnel): the farther, the stronger.
     grazing = np.clip(1 - (rows - level) / (0.75 * camera.height), 0.15, 1)
     share = (mirror[rows, columns] * grazing).astype(np.float32)[:, None]
-    reflected = smeared[source, columns] * np.float32(0.9 if not look.dark else 1.0)
+    reflected = smeared[source, columns] * np.float32(1.0 if look.dark else 0.9)
     image[rows, columns] += (reflected - image[rows, columns]) * share
 
 
-def light_night(image: Image, depth: Image, camera: Camera, mesh: Mesh, faces: Faces) -> Image:
+def light_night(image: Image, depth: Image, camera: Camera, faces: FacesInView) -> Image:
     """Turns evenly lit colours into night: headlights, street lamps, lit windows and their glow.
 
     Args:
         image: H × W × 3, RGB as under an overcast sky; the sky is already dark.
         depth: H × W in metres.
         camera: The camera.
-        mesh: The mesh the faces belong to.
         faces: Faces in view.
     """
     u, v = camera.column_slopes()[None, :], camera.row_slopes()[:, None]
@@ -126,8 +120,7 @@ def light_night(image: Image, depth: Image, camera: Camera, mesh: Mesh, faces: F
     light = (1.25 * beam / (0.5 + (depth / 26) ** 2))[..., None] * np.array((1.0, 0.96, 0.84), np.float32)
     light = light + np.array((0.085, 0.10, 0.14), np.float32)
     lamps, glow = np.zeros_like(image), np.zeros_like(image)
-    materials = mesh.materials[faces.chosen]
-    chance = mesh.chance[faces.chosen]
+    materials, chance = faces.mesh.materials, faces.mesh.chance
     shines = (materials == Material.LAMP) | ((materials == Material.GLASS) & (chance < _LIT_WINDOWS))
     for face in np.flatnonzero(shines & (faces.local[..., 2].min(axis=1) > 0.5)):
         if materials[face] == Material.LAMP:
@@ -144,13 +137,10 @@ def light_night(image: Image, depth: Image, camera: Camera, mesh: Mesh, faces: F
 def _pool(lamps: Image, depth: Image, camera: Camera, local: NDArray[np.float64]) -> None:
     """Adds the light of one street lamp to whatever is near it."""
     at = local[0]
-    scale = camera.focal / at[2]
     column, row = camera.project(at)
-    reach = 12 * scale
-    x0, x1 = max(0, int(column - reach)), min(camera.width, int(column + reach) + 1)
-    y0, y1 = max(0, int(row - 0.3 * reach)), min(camera.height, int(row + reach) + 1)
-    if x0 >= x1 or y0 >= y1:
-        return
+    reach = 12 * (camera.focal / at[2])
+    x0, x1 = np.clip((int(column - reach), int(column + reach) + 1), 0, camera.width)
+    y0, y1 = np.clip((int(row - 0.3 * reach), int(row + reach) + 1), 0, camera.height)
     z = depth[y0:y1, x0:x1]
     right = (np.arange(x0, x1) + 0.5 - camera.width / 2)[None, :] * z / np.float32(camera.focal)
     up = (camera.centre_row - np.arange(y0, y1) - 0.5)[:, None] * z / np.float32(camera.focal)
@@ -163,10 +153,9 @@ def _shine(glow: Image, depth: Image, camera: Camera, local: NDArray[np.float64]
     """Draws a lit window or lamp where nothing nearer hides it."""
     corners = camera.project(local)
     size = max(1.5, 0.16 * camera.focal / float(local[:, 2].mean()))
-    grown = 2 if not lamp else int(size) + 2
-    x0, y0 = np.maximum(np.floor(corners.min(axis=0)).astype(int) - grown, 0)
-    x1, y1 = np.ceil(corners.max(axis=0)).astype(int) + grown
-    x1, y1 = min(int(x1), camera.width), min(int(y1), camera.height)
+    grown = int(size) + 2 if lamp else 2
+    box = np.floor(corners.min(axis=0)) - grown, np.ceil(corners.max(axis=0)) + grown
+    (x0, y0), (x1, y1) = np.clip(box, 0, (camera.width, camera.height)).astype(int)
     if x0 >= x1 or y0 >= y1:
         return
     mask = np.zeros((y1 - y0, x1 - x0), np.uint8)

@@ -17,8 +17,8 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from everplace.errors import MachineError, StorageError
-from everplace.files import readable, require_free_directory, whole_directory
+from everplace.errors import MachineError
+from everplace.files import require_free_directory, whole_directory
 from everplace.progress import Progress, quiet
 from everplace.render.frame import Drive, Pose, open_drive
 from everplace.render.noise import profile
@@ -30,9 +30,9 @@ __all__ = ["drive_poses", "render_route", "route_world"]
 
 # Frames that a worker renders at a time: enough to make up for sending it the world.
 _BATCH = 16
-_AHEAD = 3
+_BATCHES_AHEAD = 3
 # Places over which a driver's offset from the ideal line stays alike.
-_STEADY = 6.0
+_STEADY_PLACES = 6.0
 
 
 def route_world(config: RenderConfig) -> World:
@@ -50,7 +50,7 @@ def drive_poses(world: World, config: RenderConfig, condition: str) -> NDArray[n
         N × 3: x, y in metres, heading in radians.
     """
     rng = np.random.default_rng([config.seed, 3, CONDITIONS.index(condition)])
-    across, along, turn = (np.clip(profile(rng, config.places, _STEADY), -2.5, 2.5) for _ in range(3))
+    across, along, turn = (np.clip(profile(rng, config.places, _STEADY_PLACES), -2.5, 2.5) for _ in range(3))
     arc = config.spacing * np.arange(config.places) + config.longitudinal_std * along
     positions = world.road.x_of_arc(arc)
     road = world.road.lookup(positions.astype(np.float32)).astype(np.float64)
@@ -85,7 +85,7 @@ def render_route(out: Path, config: RenderConfig, *, progress: Progress = quiet,
         for condition in config.conditions:
             drive = open_drive(world, condition)
             poses = drive_poses(world, config, condition)
-            frames = _frames(drive, [(float(x), float(y), float(turn)) for x, y, turn in poses], config.size, pool)
+            frames = _frames(drive, poses.tolist(), config.size, pool)
             shown = progress(frames, f"rendering {condition}", config.places)
             _write_traverse(directory / condition, config, poses, shown)
         table = {"tolerance": 1, "traverses": {name: {"condition": name} for name in config.conditions}}
@@ -103,9 +103,7 @@ def _write_traverse(
     options = [cv2.IMWRITE_JPEG_QUALITY, config.quality] if config.format == "jpg" else []
     for stem, frame in zip(stems, frames, strict=True):
         path = directory / f"{stem}.{config.format}"
-        done, data = cv2.imencode(path.suffix, cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), options)
-        if not done:
-            raise StorageError(f"cannot encode {readable(path)}: choose the other format")
+        _, data = cv2.imencode(path.suffix, cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), options)
         path.write_bytes(data.tobytes())
     lines = [f"{stem},{x:.4f},{y:.4f},{heading:.6f}" for stem, (x, y, heading) in zip(stems, poses, strict=True)]
     (directory / "poses.csv").write_text("\n".join(["stem,x,y,heading", *lines, ""]), encoding="utf-8")
@@ -155,7 +153,7 @@ def _frames(
     for first in range(0, len(poses), _BATCH):
         with _sigint_ignored():  # handing over work may start a worker
             waiting.append(pool.submit(_render, drive, poses[first : first + _BATCH], size))
-        if len(waiting) > _AHEAD:
+        if len(waiting) > _BATCHES_AHEAD:
             yield from waiting.popleft().result()
     for future in waiting:
         yield from future.result()

@@ -14,15 +14,12 @@ from numpy.typing import NDArray
 
 from everplace.render.noise import profile
 
-__all__ = ["BEFORE", "BEYOND", "STEP", "Biome", "Column", "Road", "Segment", "make_road"]
+__all__ = ["BEFORE", "WOODS", "Biome", "Column", "Road", "Segment", "make_road"]
 
-STEP = 2.0
-"""Metres of x between two rows of the road's table."""
+_STEP = 2.0  # metres of x between two rows of the road's table
 BEFORE = 400.0
-"""Metres of road before the first place."""
-BEYOND = 6500.0
-"""Metres of road after the last place, as far as the camera sees."""
-_SEGMENT = (85.0, 190.0)
+"""Metres of road before the first place, which is at x = 0; there the road's table begins."""
+_BEYOND = 6500.0  # metres of road after the last place, as far as the camera sees
 
 
 class Biome(IntEnum):
@@ -38,8 +35,12 @@ class Biome(IntEnum):
     ORCHARD = 7
 
 
+WOODS = (Biome.CONIFERS, Biome.WOODLAND)
+"""The stretches of forest."""
+
+
 class Column(IntEnum):
-    """Columns of the road's table; left and right are the sides of the road."""
+    """Columns of the road's table; where the sides of the road differ, right follows left."""
 
     CENTRE = 0
     COSINE = 1
@@ -64,27 +65,30 @@ class Segment:
     left: Biome
     right: Biome
 
+    @property
+    def sides(self) -> tuple[tuple[int, Biome], tuple[int, Biome]]:
+        """1 (left) and -1 (right), each with the biome on that side."""
+        return (1, self.left), (-1, self.right)
+
 
 @dataclass(frozen=True, slots=True)
 class Road:
     """The road as a table over x.
 
     Attributes:
-        start: x of the first row, in metres.
-        table: N × 12, see `Column`; metres, except the cosine of the heading and the strengths in [0, 1] of lake,
-            wood and village.
+        table: N × 12, a row each 2 m of x from -`BEFORE` on, see `Column`; metres, except the cosine of the heading and
+            the strengths in [0, 1] of lake, wood and village.
         biomes: N × 2, the `Biome` left and right.
         segments: The stretches, in order of x.
     """
 
-    start: float
     table: NDArray[np.float32]
     biomes: NDArray[np.uint8]
     segments: tuple[Segment, ...]
 
     def rows(self, x: NDArray[np.float32]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Returns the table row before each x and the fraction of the way to the next."""
-        position = np.clip((x - np.float32(self.start)) / np.float32(STEP), 0, len(self.table) - 1.001)
+        position = np.clip((x + np.float32(BEFORE)) / np.float32(_STEP), 0, len(self.table) - 1.001)
         row = position.astype(np.int32)
         return row, (position - row).astype(np.float32)
 
@@ -96,14 +100,14 @@ class Road:
 
     def at(self, x: float, column: Column) -> float:
         """Returns one column at one x."""
-        position = min(max((x - self.start) / STEP, 0.0), len(self.table) - 1.001)
+        position = min(max((x + BEFORE) / _STEP, 0.0), len(self.table) - 1.001)
         row = int(position)
         before, after = float(self.table[row, column]), float(self.table[row + 1, column])
         return before + (after - before) * (position - row)
 
     def x_of_arc(self, arc: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns x where the road has come `arc` metres from x = 0."""
-        x = self.start + STEP * np.arange(len(self.table))
+        x = _STEP * np.arange(len(self.table)) - BEFORE
         return np.asarray(np.interp(arc, self.table[:, Column.ARC].astype(np.float64), x), np.float64)
 
     def heading(self, x: float) -> float:
@@ -119,35 +123,28 @@ def make_road(rng: np.random.Generator, length: float) -> Road:
         rng: Source of all choices.
         length: Metres of x that hold places.
     """
-    count = int((BEFORE + length + BEYOND) / STEP) + 2
-    start = -BEFORE
-    heading = 0.62 * np.tanh(0.9 * profile(rng, count, 45 / STEP) + 0.5 * profile(rng, count, 160 / STEP))
+    count = int((BEFORE + length + _BEYOND) / _STEP) + 2
+    heading = 0.62 * np.tanh(0.9 * profile(rng, count, 45 / _STEP) + 0.5 * profile(rng, count, 160 / _STEP))
     table = np.zeros((count, len(Column)), np.float64)
-    zero = int(BEFORE / STEP)
     for column, gradient in ((Column.CENTRE, np.tan(heading)), (Column.ARC, 1 / np.cos(heading))):
-        integral = np.concatenate([[0.0], np.cumsum((gradient[:-1] + gradient[1:]) / 2) * STEP])
-        table[:, column] = integral - integral[zero]
+        integral = np.concatenate([[0.0], np.cumsum((gradient[:-1] + gradient[1:]) / 2) * _STEP])
+        table[:, column] = integral - integral[int(BEFORE / _STEP)]
     table[:, Column.COSINE] = np.cos(heading)
-    table[:, Column.HEIGHT] = 7.0 * profile(rng, count, 190 / STEP) + 0.9 * profile(rng, count, 45 / STEP)
+    table[:, Column.HEIGHT] = 7.0 * profile(rng, count, 190 / _STEP) + 0.9 * profile(rng, count, 45 / _STEP)
     for column in (Column.BANK_LEFT, Column.BANK_RIGHT):
-        table[:, column] = 0.035 + 0.10 * profile(rng, count, 55 / STEP)
+        table[:, column] = 0.035 + 0.10 * profile(rng, count, 55 / _STEP)
 
     segments = _segments(rng, length)
     biomes = np.zeros((count, 2), np.uint8)
     for segment in segments:
-        first, last = (int((x - start) / STEP) for x in (segment.start, segment.end))
+        first, last = (int((x + BEFORE) / _STEP) for x in (segment.start, segment.end))
         biomes[first:last] = (segment.left, segment.right)
-        road_heights = table[first : last + 1, Column.HEIGHT]
-        table[first:last, Column.LEVEL] = road_heights.min() - 1.3 if len(road_heights) else 0.0
-    for column, biome, side in (
-        (Column.LAKE_LEFT, Biome.LAKE, 0),
-        (Column.LAKE_RIGHT, Biome.LAKE, 1),
-    ):
-        table[:, column] = _soften(biomes[:, side] == biome)
-    for column, side in ((Column.WOOD_LEFT, 0), (Column.WOOD_RIGHT, 1)):
-        table[:, column] = _soften((biomes[:, side] == Biome.CONIFERS) | (biomes[:, side] == Biome.WOODLAND))
+        table[first:last, Column.LEVEL] = table[first : last + 1, Column.HEIGHT].min() - 1.3
+    for side in (0, 1):
+        table[:, Column.LAKE_LEFT + side] = _soften(biomes[:, side] == Biome.LAKE)
+        table[:, Column.WOOD_LEFT + side] = _soften(np.isin(biomes[:, side], WOODS))
     table[:, Column.VILLAGE] = _soften((biomes == Biome.VILLAGE).any(axis=1))
-    return Road(start, table.astype(np.float32), biomes, segments)
+    return Road(table.astype(np.float32), biomes, segments)
 
 
 def _soften(flags: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -159,13 +156,13 @@ def _segments(rng: np.random.Generator, length: float) -> tuple[Segment, ...]:
     """Draws the stretches; a village is on both sides, and no stretch is like the one before."""
     chances = np.array([0.15, 0.2, 0.15, 0.16, 0.0, 0.11, 0.11, 0.12])
     segments: list[Segment] = []
-    position, village_in = -BEFORE, float(rng.uniform(300, 600))
+    position, village_in = -BEFORE, rng.uniform(300, 600)
     previous = (Biome.MEADOW, Biome.MEADOW)
     while position < length + 800:
-        end = position + float(rng.uniform(*_SEGMENT))
+        end = position + rng.uniform(85.0, 190.0)
         if village_in <= 0:
             left = right = Biome.VILLAGE
-            village_in = float(rng.uniform(500, 900))
+            village_in = rng.uniform(500, 900)
         else:
             left, right = (_other_than(rng, chances, biome) for biome in previous)
             if rng.random() < 0.35 and left != Biome.LAKE:
@@ -179,4 +176,4 @@ def _segments(rng: np.random.Generator, length: float) -> tuple[Segment, ...]:
 def _other_than(rng: np.random.Generator, chances: NDArray[np.float64], biome: Biome) -> Biome:
     weights = chances.copy()
     weights[biome] = 0
-    return Biome(int(rng.choice(len(weights), p=weights / weights.sum())))
+    return Biome(rng.choice(len(weights), p=weights / weights.sum()))

@@ -3,178 +3,140 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 
 from everplace.render import structures
-from everplace.render.buildings import Site
-from everplace.render.mesh import Material, MeshBuilder, Point
-from everplace.render.road import Biome, Road, Segment
+from everplace.render.mesh import Material, Point, Site
+from everplace.render.planner import Planner
+from everplace.render.road import BEFORE, Biome, Segment
 
 __all__ = ["furnish"]
 
+_SIGNS = (
+    (Material.WHITE, "triangle"),
+    (Material.BLUE, "square"),
+    (Material.YELLOW, "board"),
+    (Material.BLUE, "board"),
+)
 
-class _Survey(Protocol):
-    def __call__(self, x: float, lateral: float, turn: float = 0.0) -> Site: ...
 
-
-def furnish(rng: np.random.Generator, mesh: MeshBuilder, survey: _Survey, road: Road, start: float, end: float) -> None:
-    """Adds the road's furniture.
-
-    Args:
-        rng: Source of all choices.
-        mesh: Where the objects go.
-        survey: Gives the site at x and a lateral distance, its axis along the road plus a turn.
-        road: The road.
-        start: x of the beginning in metres.
-        end: x of the end in metres.
-    """
-    for segment in road.segments:
-        village = segment.left == Biome.VILLAGE
-        if village:
-            _lamps(mesh, survey, segment)
-            structures.sign(mesh, survey(segment.start + 3, -6.3, 0.0), Material.YELLOW, "board")
+def furnish(planner: Planner) -> None:
+    """Adds the furniture of the whole road."""
+    rng = planner.rng
+    for segment in planner.road.segments:
+        if segment.left == Biome.VILLAGE:
+            for number, x in enumerate(np.arange(segment.start + 6, segment.end, 26.0)):
+                side = 1 if number % 2 else -1
+                structures.lamp(planner.site(float(x), side * 6.4, -side * np.pi / 2))
+            structures.sign(planner.site(segment.start + 3, -6.3), Material.YELLOW, "board")
         else:
-            _marker_posts(mesh, survey, segment)
-        for side, biome in ((1, segment.left), (-1, segment.right)):
+            _marker_posts(planner, segment)
+        for side, biome in segment.sides:
             if biome in (Biome.MEADOW, Biome.FARM, Biome.ORCHARD) and rng.random() < 0.75:
-                _fence(rng, mesh, survey, segment, side * float(rng.uniform(7.0, 9.0)))
+                _fence(planner, segment, side * rng.uniform(7.0, 9.0))
             elif biome == Biome.LAKE or (biome != Biome.VILLAGE and rng.random() < 0.12):
-                _guard_rail(mesh, survey, segment, side * 5.6)
+                _guard_rail(planner, segment, side * 5.6)
             elif biome == Biome.VILLAGE and rng.random() < 0.7:
-                _wall(mesh, survey, segment, side * 7.2)
-    _poles(rng, mesh, survey, start, end)
-    _signs(rng, mesh, survey, start, end)
-    x = start + float(rng.uniform(300, 800))
-    while x < end:
-        structures.bridge(mesh, survey(x, 0.0, np.pi / 2 + float(rng.uniform(-0.25, 0.25))))
-        x += float(rng.uniform(650, 1300))
-    x = start + float(rng.uniform(100, 500))
-    while x < end:
-        _pylon_line(rng, mesh, survey, x)
-        x += float(rng.uniform(500, 1000))
-    x = start + float(rng.uniform(200, 700))
-    while x < end:
-        row_side = float(rng.choice([-1, 1]))
-        for number in range(int(rng.integers(2, 6))):
-            away = row_side * float(rng.uniform(280, 700))
-            structures.turbine(mesh, survey(x + 130.0 * number, away, float(rng.uniform(-0.3, 0.3))), rng)
-        x += float(rng.uniform(900, 1800))
-
-
-def _lamps(mesh: MeshBuilder, survey: _Survey, segment: Segment) -> None:
-    for number, x in enumerate(np.arange(segment.start + 6, segment.end, 26.0)):
-        side = 1 if number % 2 else -1
-        structures.lamp(mesh, survey(float(x), side * 6.4, -side * np.pi / 2))
-
-
-def _marker_posts(mesh: MeshBuilder, survey: _Survey, segment: Segment) -> None:
-    for x in np.arange(segment.start, segment.end, 25.0):
-        for side in (-1, 1):
-            site = survey(float(x), side * 4.9)
-            mesh.stroke(site.point(0, 0, 0), site.point(0, 0, 1.0), 0.13, Material.WHITE, site.anchor, reach=110)
-            low, high = site.point(0, 0, 0.68), site.point(0, 0, 0.85)
-            mesh.stroke(low, high, 0.14, Material.RED, site.anchor, rank=1, reach=70)
-
-
-def _fence(rng: np.random.Generator, mesh: MeshBuilder, survey: _Survey, segment: Segment, lateral: float) -> None:
-    planks = rng.random() < 0.4
-    material = Material.WHITE if planks and rng.random() < 0.5 else Material.WOOD
-    rails, thickness = ((0.5, 0.85, 1.2), 0.12) if planks else ((0.55, 1.05), 0.05)
-    before: Site | None = None
-    for x in np.arange(segment.start, segment.end, 4.0):
-        site = survey(float(x), lateral)
-        mesh.stroke(site.point(0, 0, -0.3), site.point(0, 0, 1.3), 0.14, material, site.anchor, rank=1, reach=110)
-        if before is not None:
-            for level in rails:
-                start, stop = before.point(0, 0, level), site.point(0, 0, level)
-                mesh.stroke(start, stop, thickness, material, site.anchor, reach=90 if planks else 60)
-        before = site
-
-
-def _guard_rail(mesh: MeshBuilder, survey: _Survey, segment: Segment, lateral: float) -> None:
-    before: Site | None = None
-    for x in np.arange(segment.start, segment.end, 4.0):
-        site = survey(float(x), lateral)
-        mesh.stroke(site.point(0, 0, -0.3), site.point(0, 0, 0.7), 0.12, Material.METAL, site.anchor, reach=90)
-        if before is not None:
-            rail = (
-                before.point(0, 0, 0.45),
-                site.point(0, 0, 0.45),
-                site.point(0, 0, 0.78),
-                before.point(0, 0, 0.78),
-            )
-            mesh.face(rail, Material.METAL, site.anchor, rank=1, reach=200)
-        before = site
-
-
-def _wall(mesh: MeshBuilder, survey: _Survey, segment: Segment, lateral: float) -> None:
-    before: Site | None = None
-    for x in np.arange(segment.start, segment.end, 6.0):
-        site = survey(float(x), lateral)
-        if before is not None and int(x / 6) % 4:
-            corners: tuple[Point, ...] = (
-                before.point(0, 0, -0.6),
-                site.point(0, 0, -0.6),
-                site.point(0, 0, 1.0),
-                before.point(0, 0, 1.0),
-            )
-            mesh.face(corners, Material.STONE, site.anchor, reach=200)
-        before = site
-
-
-def _poles(rng: np.random.Generator, mesh: MeshBuilder, survey: _Survey, start: float, end: float) -> None:
-    """Telegraph poles with two wires that sag, along one side for a while, then the other or none."""
-    x = start
-    while x < end:
-        side = float(rng.choice([-1, 1]))
-        lateral = side * float(rng.uniform(8.0, 10.5))
-        stop = x + float(rng.uniform(220, 520))
-        before: Site | None = None
-        while x < min(stop, end):
-            site = survey(x, lateral)
-            mesh.stroke(site.point(0, 0, -1), site.point(0, 0, 8.2), 0.26, Material.WOOD, site.anchor, reach=320)
-            arm = (site.point(0, -0.9, 7.6), site.point(0, 0.9, 7.6))
-            mesh.stroke(*arm, 0.14, Material.WOOD, site.anchor, rank=1, reach=160)
-            if before is not None:
-                for across in (-0.8, 0.8):
-                    _wire(mesh, before.point(0, across, 7.7), site.point(0, across, 7.7), 0.9)
-            before = site
-            x += 38.0
-        x += float(rng.uniform(60, 300))
-
-
-def _wire(mesh: MeshBuilder, start: Point, end: Point, sag: float, pieces: int = 8, reach: float = 130.0) -> None:
-    a, b = np.array(start), np.array(end)
-    points = []
-    for t in np.linspace(0, 1, pieces + 1):
-        point = a + (b - a) * t
-        points.append((float(point[0]), float(point[1]), float(point[2] - 4 * sag * t * (1 - t))))
-    for p, q in pairwise(points):
-        middle = ((p[0] + q[0]) / 2, (p[1] + q[1]) / 2)
-        mesh.stroke(p, q, 0.035, Material.WIRE, middle, reach=reach)
-
-
-def _pylon_line(rng: np.random.Generator, mesh: MeshBuilder, survey: _Survey, x: float) -> None:
-    turn = float(rng.uniform(-0.3, 0.3))
-    sites = []
-    for step in (-2.6, -1.4, -0.35, 0.65, 1.6, 2.7):
-        lateral = step * 130.0
-        sites.append(survey(x + lateral * turn, lateral, np.pi / 2 - turn))
-    for site in sites:
-        structures.pylon(mesh, site)
-    for site, following in pairwise(sites):
-        for across, level in ((-6.0, 20.0), (6.0, 20.0), (-4.5, 24.0), (4.5, 24.0)):
-            _wire(mesh, site.point(0, across, level), following.point(0, across, level), 4.0, 10, 420.0)
-
-
-def _signs(rng: np.random.Generator, mesh: MeshBuilder, survey: _Survey, start: float, end: float) -> None:
-    x = start + 30.0
-    while x < end:
-        kind = int(rng.integers(4))
-        material = (Material.WHITE, Material.BLUE, Material.YELLOW, Material.BLUE)[kind]
-        shape = ("triangle", "square", "board", "board")[kind]
+                _wall(planner, segment, side * 7.2)
+    start, end = -BEFORE, planner.road.segments[-1].end
+    _poles(planner, start, end)
+    for x in planner.along(start + 30.0, end, 50, 150):
+        material, shape = _SIGNS[rng.integers(len(_SIGNS))]
         lateral = -6.8 if shape == "board" else -5.4
-        structures.sign(mesh, survey(x, lateral, float(rng.uniform(-0.1, 0.1))), material, shape)
-        x += float(rng.uniform(50, 150))
+        structures.sign(planner.site(x, lateral, rng.uniform(-0.1, 0.1)), material, shape)
+    for x in planner.along(start + rng.uniform(300, 800), end, 650, 1300):
+        structures.bridge(planner.site(x, 0.0, np.pi / 2 + rng.uniform(-0.25, 0.25)))
+    for x in planner.along(start + rng.uniform(100, 500), end, 500, 1000):
+        _pylons(planner, x)
+    for x in planner.along(start + rng.uniform(200, 700), end, 900, 1800):
+        side = int(rng.choice([-1, 1]))
+        for number in range(rng.integers(2, 6)):
+            away = side * rng.uniform(280, 700)
+            structures.turbine(planner.site(x + 130.0 * number, away, rng.uniform(-0.3, 0.3)), rng)
+
+
+def _row(planner: Planner, segment: Segment, spacing: float, lateral: float) -> list[Site]:
+    """Sites along a stretch, `spacing` metres of x apart."""
+    return [planner.site(float(x), lateral) for x in np.arange(segment.start, segment.end, spacing)]
+
+
+def _marker_posts(planner: Planner, segment: Segment) -> None:
+    for side in (-1, 1):
+        for site in _row(planner, segment, 25.0, side * 4.9):
+            site.stroke((0, 0, 0), (0, 0, 1.0), 0.13, Material.WHITE, reach=110)
+            site.stroke((0, 0, 0.68), (0, 0, 0.85), 0.14, Material.RED, rank=1, reach=70)
+
+
+def _fence(planner: Planner, segment: Segment, lateral: float) -> None:
+    planks = planner.rng.random() < 0.4
+    material = Material.WHITE if planks and planner.rng.random() < 0.5 else Material.WOOD
+    rails, thickness, reach = ((0.5, 0.85, 1.2), 0.12, 90) if planks else ((0.55, 1.05), 0.05, 60)
+    sites = _row(planner, segment, 4.0, lateral)
+    for site in sites:
+        site.stroke((0, 0, -0.3), (0, 0, 1.3), 0.14, material, rank=1, reach=110)
+    for before, site in pairwise(sites):
+        for level in rails:
+            ends = before.point(0, 0, level), site.point(0, 0, level)
+            site.mesh.add(ends, material, site.anchor, thickness=thickness, reach=reach)
+
+
+def _guard_rail(planner: Planner, segment: Segment, lateral: float) -> None:
+    sites = _row(planner, segment, 4.0, lateral)
+    for site in sites:
+        site.stroke((0, 0, -0.3), (0, 0, 0.7), 0.12, Material.METAL, reach=90)
+    for before, site in pairwise(sites):
+        _panel(before, site, 0.45, 0.78, Material.METAL, rank=1)
+
+
+def _wall(planner: Planner, segment: Segment, lateral: float) -> None:
+    x = np.arange(segment.start, segment.end, 6.0)
+    for position, (before, site) in zip(x[1:], pairwise(_row(planner, segment, 6.0, lateral)), strict=True):
+        if int(position / 6) % 4:  # every fourth piece is a gap
+            _panel(before, site, -0.6, 1.0, Material.STONE, rank=0)
+
+
+def _panel(before: Site, site: Site, low: float, high: float, material: Material, rank: int) -> None:
+    """An upright face from one site to the next."""
+    corners = before.point(0, 0, low), site.point(0, 0, low), site.point(0, 0, high), before.point(0, 0, high)
+    site.mesh.add(corners, material, site.anchor, rank=rank, reach=200)
+
+
+def _poles(planner: Planner, start: float, end: float) -> None:
+    """Telegraph poles with two wires that sag, along one side for a while, then the other or none."""
+    rng, x = planner.rng, start
+    while x < end:
+        lateral = float(rng.choice([-1, 1])) * rng.uniform(8.0, 10.5)
+        stop = min(x + rng.uniform(220, 520), end)
+        sites = []
+        while x < stop:
+            sites.append(planner.site(x, lateral))
+            x += 38.0
+        for site in sites:
+            site.stroke((0, 0, -1), (0, 0, 8.2), 0.26, Material.WOOD, reach=320)
+            site.stroke((0, -0.9, 7.6), (0, 0.9, 7.6), 0.14, Material.WOOD, rank=1, reach=160)
+        for before, site in pairwise(sites):
+            for across in (-0.8, 0.8):
+                _wire(planner, before.point(0, across, 7.7), site.point(0, across, 7.7), 0.9, 8, 130.0)
+        x += rng.uniform(60, 300)
+
+
+def _wire(planner: Planner, start: Point, end: Point, sag: float, pieces: int, reach: float) -> None:
+    t = np.linspace(0, 1, pieces + 1)[:, None]
+    a, b = np.array(start), np.array(end)
+    points = a + (b - a) * t - 4 * sag * t * (1 - t) * (0, 0, 1)
+    for p, q in pairwise(points.tolist()):
+        middle = ((p[0] + q[0]) / 2, (p[1] + q[1]) / 2)
+        planner.mesh.add((p, q), Material.WIRE, middle, thickness=0.035, reach=reach)
+
+
+def _pylons(planner: Planner, x: float) -> None:
+    """A line of pylons that crosses the road at x."""
+    turn = planner.rng.uniform(-0.3, 0.3)
+    steps = (130.0 * step for step in (-2.6, -1.4, -0.35, 0.65, 1.6, 2.7))
+    sites = [planner.site(x + lateral * turn, lateral, np.pi / 2 - turn) for lateral in steps]
+    for site in sites:
+        structures.pylon(site)
+    for before, site in pairwise(sites):
+        for across, level in ((-6.0, 20.0), (6.0, 20.0), (-4.5, 24.0), (4.5, 24.0)):
+            _wire(planner, before.point(0, across, level), site.point(0, across, level), 4.0, 10, 420.0)

@@ -13,7 +13,7 @@ from everplace.render.noise import TILE, ramp, sample
 __all__ = ["paint_sky"]
 
 
-def paint_sky(camera: Camera, look: Look, grain: NDArray[np.float32], rows: int, drift: float) -> NDArray[np.float32]:
+def paint_sky(camera: Camera, look: Look, grain: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
     """Paints the sky of the upper image rows.
 
     Args:
@@ -21,7 +21,6 @@ def paint_sky(camera: Camera, look: Look, grain: NDArray[np.float32], rows: int,
         look: The appearance.
         grain: Noise tile for the clouds.
         rows: Number of image rows from the top.
-        drift: How far the clouds have moved since the drive began, in texels of the cloud pattern.
 
     Returns:
         rows × W × 3, RGB in 0 to 255.
@@ -36,7 +35,7 @@ def paint_sky(camera: Camera, look: Look, grain: NDArray[np.float32], rows: int,
     sky = horizon + (zenith - horizon) * np.sqrt(height)
 
     dx, dy = (fx + u * rx)[None, :], (fy + u * ry)[None, :]
-    sun = np.array([np.cos(look.sun_azimuth), np.sin(look.sun_azimuth), np.tan(look.sun_elevation)], np.float32)
+    sun = np.array([*look.sunward, np.tan(look.sun_elevation)], np.float32)
     sun /= np.linalg.norm(sun)
     cosine = np.clip((dx * sun[0] + dy * sun[1] + v[:, None] * sun[2]) / norm, 0, 1)
     if look.sun:
@@ -46,6 +45,7 @@ def paint_sky(camera: Camera, look: Look, grain: NDArray[np.float32], rows: int,
         moon = ramp(cosine, 0.99955, 0.99975) * 190 + 14 * cosine**60
         sky += moon[..., None]
 
+    drift = 0.12 * camera.x  # texels of the cloud pattern
     reach = 26 / (up + np.float32(0.09))
     a, b = (
         np.asarray(axis * reach + np.float32(start * TILE + drift), np.float32)
@@ -58,8 +58,7 @@ def paint_sky(camera: Camera, look: Look, grain: NDArray[np.float32], rows: int,
     depth = ramp(thick, edge + 0.15, edge + 0.85)[..., None]
     bright, dark = np.array(look.cloud_bright, np.float32), np.array(look.cloud_dark, np.float32)
     sky += (bright + (dark - bright) * depth - sky) * cover[..., None]
-    size = (camera.width, rows)
-    full = np.asarray(cv2.resize(sky, size, interpolation=cv2.INTER_LINEAR), np.float32)
+    full = np.asarray(cv2.resize(sky, (camera.width, rows), interpolation=cv2.INTER_LINEAR), np.float32)
     if look.dark:
         _stars(full, camera, look)
     return full

@@ -6,16 +6,18 @@ the colours, whether leaves hang there at all, and on what lies snow.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from enum import IntEnum
+from itertools import product
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.render.look import Colour, Look
+from everplace.render.look import Look
 
-__all__ = ["DECIDUOUS", "LEVELS", "SPRITE_SIZE", "VARIANTS", "Nursery", "Plant", "Sprite"]
+__all__ = ["LEVELS", "SPRITE_SIZE", "VARIANTS", "Nursery", "Plant"]
 
 VARIANTS = 4
 """Different shapes of each plant."""
@@ -38,9 +40,6 @@ class Plant(IntEnum):
     BUSH = 5
 
 
-DECIDUOUS = frozenset({Plant.BROADLEAF, Plant.BIRCH, Plant.POPLAR, Plant.FRUIT, Plant.BUSH})
-"""Plants whose crowns are open to the view in winter."""
-
 _CROWNS = {
     # centre (share of the height from the ground), half height, half width (shares of height and of width), blobs
     Plant.BROADLEAF: (0.62, 0.35, 0.46, 900),
@@ -51,188 +50,167 @@ _CROWNS = {
 }
 
 
+_Point = tuple[float, float]
+
+
 @dataclass(frozen=True, slots=True)
-class Sprite:
-    """A picture with its reductions.
+class Nursery:
+    """The plants of one look, each grown when it is first asked for.
 
     Attributes:
-        levels: RGBA images, colours premultiplied by alpha; each level has half the sides of the one before.
+        look: The look.
     """
 
-    levels: tuple[NDArray[np.uint8], ...]
+    look: Look
+    _grown: dict[tuple[Plant, int, bool], tuple[NDArray[np.uint8], ...]] = field(default_factory=dict)
 
-
-class Nursery:
-    """The plants of one look, each grown when it is first asked for."""
-
-    def __init__(self, look: Look) -> None:
-        self._look = look
-        self._grown: dict[tuple[Plant, int, bool], Sprite] = {}
-
-    def picture(self, plant: Plant, variant: int, from_left: bool) -> Sprite:
-        """Returns a plant's picture; threads may ask at the same time and get equal ones.
+    def picture(self, plant: Plant, variant: int, from_left: bool) -> tuple[NDArray[np.uint8], ...]:
+        """Returns a plant's picture in `LEVELS` sizes; threads may ask at the same time and get equal ones.
 
         Args:
             plant: The kind.
             variant: The shape, below `VARIANTS`.
             from_left: Whether the light comes from the left.
+
+        Returns:
+            RGBA, colours premultiplied by alpha; each with half the sides of the one before.
         """
         key = (plant, variant, from_left)
         if key not in self._grown:
+            drawing = _Drawing(self.look, -1 if from_left else 1)
             rng = np.random.default_rng([plant, variant])
-            self._grown[key] = _picture(plant, variant, self._look, from_left, rng)
+            if plant == Plant.CONIFER:
+                _conifer(drawing, rng)
+            else:
+                _broadleaf(drawing, plant, variant, rng)
+            self._grown[key] = drawing.pyramid()
         return self._grown[key]
 
     def grow_all(self) -> None:
         """Grows every plant now, so that copies of the nursery need not."""
-        for plant in Plant:
-            for variant in range(VARIANTS):
-                for from_left in (False, True):
-                    self.picture(plant, variant, from_left)
+        for plant, variant, from_left in product(Plant, range(VARIANTS), (False, True)):
+            self.picture(plant, variant, from_left)
 
 
-def _picture(plant: Plant, variant: int, look: Look, from_left: bool, rng: np.random.Generator) -> Sprite:
-    rgb = np.zeros((_HEIGHT, _WIDTH, 3), np.uint8)
-    alpha = np.zeros((_HEIGHT, _WIDTH), np.uint8)
-    if plant == Plant.CONIFER:
-        _conifer(rgb, alpha, look, from_left, rng)
-    else:
-        _broadleaf(plant, variant, rgb, alpha, look, from_left, rng)
-    share = alpha[..., None].astype(np.float32) / 255
-    full = np.dstack([(rgb * share).astype(np.uint8), alpha])
-    levels = [full]
-    while len(levels) < LEVELS:
-        last = levels[-1]
-        size = (last.shape[1] // 2, last.shape[0] // 2)
-        levels.append(np.asarray(cv2.resize(last, size, interpolation=cv2.INTER_AREA), np.uint8))
-    return Sprite(tuple(levels))
+@dataclass(frozen=True, slots=True)
+class _Drawing:
+    """A plant while it is drawn.
+
+    Attributes:
+        look: Gives the light.
+        sunward: Direction of the light: -1 from the left, 1 from the right.
+        rgb: H × W × 3.
+        alpha: H × W.
+    """
+
+    look: Look
+    sunward: int
+    rgb: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((_HEIGHT, _WIDTH, 3), np.uint8))
+    alpha: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((_HEIGHT, _WIDTH), np.uint8))
+
+    def _lit(self, colour: Sequence[float], light: float) -> list[float]:
+        """Mixes the light of shade (`light` 0) and sun (1) on a colour."""
+        strength = light * (0.35 + 0.65 * self.look.sun)
+        shades = zip(colour, self.look.shade_colour, self.look.sun_colour, strict=True)
+        return [c * (shade + (sun - shade) * strength) for c, shade, sun in shades]
+
+    def stroke(
+        self, start: _Point, end: _Point, thickness: float, colour: Sequence[float], light: float, *, snow: bool = False
+    ) -> None:
+        """Draws a line; snow colours only what is there: it does not change a shape."""
+        first, last = _fixed_point(start), _fixed_point(end)
+        width = max(1, round(thickness))
+        cv2.line(self.rgb, first, last, self._lit(colour, light), width, cv2.LINE_AA, 4)
+        if not snow:
+            cv2.line(self.alpha, first, last, 255.0, width, cv2.LINE_AA, 4)
+
+    def blob(self, at: _Point, size: float, colour: Sequence[float], light: float) -> None:
+        """Draws a clump of leaves or needles."""
+        centre, radius = _fixed_point(at), max(8, int(size * 16))
+        cv2.circle(self.rgb, centre, radius, self._lit(colour, light), -1, cv2.LINE_AA, 4)
+        cv2.circle(self.alpha, centre, radius, 255, -1, cv2.LINE_AA, 4)
+
+    def pyramid(self) -> tuple[NDArray[np.uint8], ...]:
+        """Returns the picture in all sizes, premultiplied."""
+        share = self.alpha[..., None].astype(np.float32) / 255
+        levels = [np.dstack([(self.rgb * share).astype(np.uint8), self.alpha])]
+        for _ in range(1, LEVELS):
+            height, width = levels[-1].shape[:2]
+            half = cv2.resize(levels[-1], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+            levels.append(np.asarray(half, np.uint8))
+        return tuple(levels)
 
 
-def _lit(colour: Colour, amount: float, look: Look) -> Colour:
-    """Mixes shade and sun light on a colour; `amount` 0 is full shade, 1 full light."""
-    strength = amount * (0.35 + 0.65 * look.sun)
-    mixed = [
-        c * (shade + (sun - shade) * strength)
-        for c, shade, sun in zip(colour, look.shade_colour, look.sun_colour, strict=True)
-    ]
-    return mixed[0], mixed[1], mixed[2]
+def _fixed_point(point: _Point) -> tuple[int, int]:
+    """A position in 1/16 pixel."""
+    return int(point[0] * 16), int(point[1] * 16)
 
 
-def _blob(
-    rgb: NDArray[np.uint8], alpha: NDArray[np.uint8], at: tuple[float, float], size: float, colour: Colour
-) -> None:
-    centre = (int(at[0] * 16), int(at[1] * 16))
-    radius = max(8, int(size * 16))
-    cv2.circle(rgb, centre, radius, colour, -1, cv2.LINE_AA, 4)
-    cv2.circle(alpha, centre, radius, 255, -1, cv2.LINE_AA, 4)
-
-
-def _stroke(
-    rgb: NDArray[np.uint8],
-    alpha: NDArray[np.uint8] | None,
-    start: tuple[float, float],
-    end: tuple[float, float],
-    thickness: float,
-    colour: Colour,
-) -> None:
-    """Draws a line; without `alpha` it colours only what is there (snow does not change a shape)."""
-    first, last = ((int(p[0] * 16), int(p[1] * 16)) for p in (start, end))
-    width = max(1, round(thickness))
-    cv2.line(rgb, first, last, colour, width, cv2.LINE_AA, 4)
-    if alpha is not None:
-        cv2.line(alpha, first, last, 255.0, width, cv2.LINE_AA, 4)
-
-
-def _conifer(
-    rgb: NDArray[np.uint8], alpha: NDArray[np.uint8], look: Look, from_left: bool, rng: np.random.Generator
-) -> None:
-    middle, spread = _WIDTH / 2, rng.uniform(0.30, 0.42) * _WIDTH
-    _stroke(rgb, alpha, (middle, _GROUND), (middle, 20), 5, _lit((84, 64, 50), 0.4, look))
+def _conifer(drawing: _Drawing, rng: np.random.Generator) -> None:
+    look, middle, spread = drawing.look, _WIDTH / 2, rng.uniform(0.30, 0.42) * _WIDTH
+    drawing.stroke((middle, _GROUND), (middle, 20), 5, (84, 64, 50), 0.4)
     tiers = int(rng.integers(11, 15))
-    for tier in range(tiers):
-        share = (tier + 1) / tiers  # the lowest tier is drawn first, the top last
-        base = _GROUND - 18 - (1 - (1 - share)) * (_HEIGHT - 34)
+    for tier in range(1, tiers + 1):
+        share = tier / tiers  # the lowest tier is drawn first, the top last
+        base = _GROUND - 18 - share * (_HEIGHT - 34)
         reach = spread * (1 - share) ** 0.85 + 4
         for _ in range(26):
-            side = float(rng.uniform(-1, 1))
+            side = rng.uniform(-1, 1)
             droop = abs(side) * reach * 0.42
-            tip = (middle + side * reach, base + droop + float(rng.uniform(-5, 7)))
+            tip = (middle + side * reach, base + droop + rng.uniform(-5, 7))
             root = (middle + side * reach * 0.25, base - 9)
-            light = 0.5 - 0.5 * side if from_left else 0.5 + 0.5 * side
-            tint = float(rng.uniform(0.8, 1.2))
-            green = (look.needles[0] * tint, look.needles[1] * tint, look.needles[2] * tint)
-            _stroke(rgb, alpha, root, tip, 5, _lit(green, light * 0.9, look))
-            snowy = float(rng.uniform())
-            if snowy < 0.5 * look.snow:
+            light = 0.5 + 0.5 * drawing.sunward * side
+            tint = rng.uniform(0.8, 1.2)
+            drawing.stroke(root, tip, 5, [c * tint for c in look.needles], light * 0.9)
+            if rng.uniform() < 0.5 * look.snow:
                 top = (root[0] * 0.4 + tip[0] * 0.6, root[1] * 0.4 + tip[1] * 0.6 - 2)
-                _stroke(rgb, None, top, (tip[0], tip[1] - 2), 4, _lit((236, 240, 247), 0.4 + 0.6 * light, look))
+                drawing.stroke(top, (tip[0], tip[1] - 2), 4, (236, 240, 247), 0.4 + 0.6 * light, snow=True)
 
 
-def _branches(plant: Plant, rng: np.random.Generator) -> list[tuple[tuple[float, float], tuple[float, float], float]]:
+def _branches(plant: Plant, rng: np.random.Generator) -> list[tuple[_Point, _Point, float]]:
     """Grows the skeleton: strokes from the trunk outwards, as (start, end, thickness) in pixels."""
     centre, half_height, half_width, _ = _CROWNS[plant]
-    strokes: list[tuple[tuple[float, float], tuple[float, float], float]] = []
+    strokes: list[tuple[_Point, _Point, float]] = []
     middle = _WIDTH / 2
 
-    def grow(start: tuple[float, float], angle: float, length: float, thickness: float) -> None:
+    def grow(start: _Point, angle: float, length: float, thickness: float) -> None:
         end = (start[0] + length * np.sin(angle), start[1] - length * np.cos(angle))
         strokes.append((start, end, thickness))
         if thickness < 1.1 or length < 5:
             return
         for _ in range(3 if thickness < 4 else 2):
-            turn = float(rng.uniform(-0.75, 0.75)) * (0.45 if plant == Plant.POPLAR else 1)
-            grow(end, angle * 0.85 + turn, length * float(rng.uniform(0.6, 0.85)), thickness * 0.66)
+            turn = rng.uniform(-0.75, 0.75) * (0.45 if plant == Plant.POPLAR else 1)
+            grow(end, angle * 0.85 + turn, length * rng.uniform(0.6, 0.85), thickness * 0.66)
 
     top, low = _HEIGHT * (1 - centre - half_height), _HEIGHT * (1 - centre + half_height)
     if plant == Plant.POPLAR:
-        strokes.append(((middle, float(_GROUND)), (middle, top + 14), 6.0))
+        strokes.append(((middle, _GROUND), (middle, top + 14), 6.0))
         for row in np.linspace(low, top + 20, 22):
             for side in (-1, 1):
-                grow(
-                    (middle, float(row)),
-                    side * float(rng.uniform(0.25, 0.5)),
-                    float(rng.uniform(14, 22)),
-                    1.5,
-                )
+                grow((middle, row), side * rng.uniform(0.25, 0.5), rng.uniform(14, 22), 1.5)
         return strokes
-    stems = 4 if plant == Plant.BUSH else 1
+    stems, trunk, bough = (4, 3.0, 2.0) if plant == Plant.BUSH else (1, 8.0, 4.4)
     for stem in range(stems):
         lean = (stem - (stems - 1) / 2) * 0.45
-        base = (middle + lean * 14, float(_GROUND))
         neck = (middle + lean * 40, low - 0.15 * (low - top))
-        strokes.append((base, neck, 8.0 if stems == 1 else 3.0))
+        strokes.append(((middle + lean * 14, _GROUND), neck, trunk))
         for angle in np.linspace(-0.9, 0.9, 6) * (half_width / 0.46):
-            thickness = 4.4 if stems == 1 else 2.0
-            grow(neck, float(angle + rng.uniform(-0.15, 0.15) + lean), (neck[1] - top) * 0.29, thickness)
+            grow(neck, angle + rng.uniform(-0.15, 0.15) + lean, (neck[1] - top) * 0.29, bough)
     return strokes
 
 
-def _broadleaf(
-    plant: Plant,
-    variant: int,
-    rgb: NDArray[np.uint8],
-    alpha: NDArray[np.uint8],
-    look: Look,
-    from_left: bool,
-    rng: np.random.Generator,
-) -> None:
-    bark: Colour = (222, 218, 210) if plant == Plant.BIRCH else (86, 70, 58)
+def _broadleaf(drawing: _Drawing, plant: Plant, variant: int, rng: np.random.Generator) -> None:
+    look = drawing.look
+    trunk, twigs = ((222, 218, 210), (96, 80, 74)) if plant == Plant.BIRCH else ((86, 70, 58), (86, 70, 58))
     for start, end, thickness in _branches(plant, rng):
-        trunk = bark if thickness > 4 or plant != Plant.BIRCH else (96, 80, 74)
-        _stroke(rgb, alpha, start, end, thickness, _lit(trunk, 0.55, look))
+        drawing.stroke(start, end, thickness, trunk if thickness > 4 else twigs, 0.55)
         if look.snow and thickness < 5 and abs(end[0] - start[0]) > abs(end[1] - start[1]) * 0.6:
-            _stroke(
-                rgb,
-                None,
-                (start[0], start[1] - 1),
-                (end[0], end[1] - 1),
-                1,
-                _lit((228, 232, 240), 0.7, look),
-            )
+            above = (start[0], start[1] - 1), (end[0], end[1] - 1)
+            drawing.stroke(*above, 1, (228, 232, 240), 0.7, snow=True)
     if look.leaves == "bare":
         return
     centre, half_height, half_width, blobs = _CROWNS[plant]
-    density = {"young": 0.6, "full": 1.0, "turning": 0.6}[look.leaves]
+    density = 1.0 if look.leaves == "full" else 0.6
     colour = look.reeds if plant == Plant.BUSH else look.foliage[variant]
     lobes = rng.uniform(-0.72, 0.72, (11, 2))
     # All choices are drawn before any depends on the look: the shape stays the same under every condition.
@@ -243,16 +221,12 @@ def _broadleaf(
     places /= np.maximum(1, np.linalg.norm(places, axis=1, keepdims=True))
     # Lobe by lobe from the bottom up, each with its own dark foot and lit top, as boughs lie over one another.
     rise = places[:, 1] + 0.9 * (places[:, 1] - lobes[member, 1])
-    order = np.lexsort((places[:, 1], lobes[member, 1]))
-    blossom = look.leaves == "young" and plant == Plant.FRUIT
-    for index in order:
+    light = np.clip(0.45 + 0.28 * drawing.sunward * places[:, 0] + 0.36 * rise + 0.13 * mottle, 0, 1)
+    white = (blossoms < 0.75) & (look.leaves == "young") & (plant == Plant.FRUIT)
+    for index in np.lexsort((places[:, 1], lobes[member, 1])):
         if keep[index] > density:
             continue
-        u, v = float(places[index, 0]), float(places[index, 1])
+        u, v = places[index]
         at = (_WIDTH * (0.5 + u * half_width), _HEIGHT * (1 - centre - v * half_height))
-        side = -u if from_left else u
-        light = float(np.clip(0.45 + 0.28 * side + 0.36 * rise[index] + 0.13 * mottle[index], 0, 1))
-        tint = 1 + 0.14 * float(tints[index])
-        white = blossom and blossoms[index] < 0.75
-        base: Colour = (246, 226, 230) if white else (colour[0] * tint, colour[1] * tint, colour[2] * tint)
-        _blob(rgb, alpha, at, 1.6 + 3.4 * float(radius[index]), _lit(base, light, look))
+        leaf = (246, 226, 230) if white[index] else [c * (1 + 0.14 * tints[index]) for c in colour]
+        drawing.blob(at, 1.6 + 3.4 * radius[index], leaf, light[index])

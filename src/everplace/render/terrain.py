@@ -36,13 +36,13 @@ class Surface(NamedTuple):
         height: Height of what is seen, tree tops included, in metres.
         lateral: Signed distance from the middle of the road, left positive, in metres.
         canopy: Height of the closed forest's crowns above the ground, in metres; 0 outside forest.
-        water: 1 on a lake, else 0.
+        water: Whether it is a lake.
     """
 
     height: NDArray[np.float32]
     lateral: NDArray[np.float32]
     canopy: NDArray[np.float32]
-    water: NDArray[np.float32]
+    water: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,45 +63,32 @@ class Terrain:
         """Computes the surface at world positions (two-dimensional arrays, metres)."""
         row = self.road.lookup(x)
         lateral = (y - row[..., Column.CENTRE]) * row[..., Column.COSINE]
-        left = lateral > 0
-        away = np.abs(lateral)
-        off_road = ramp(away, 5, 42)
-        bank = np.where(left, row[..., Column.BANK_LEFT], row[..., Column.BANK_RIGHT])
-        height = row[..., Column.HEIGHT] + off_road * (
-            6.5 * sample(self.hills, x, y, 3.0) + bank * np.minimum(away, 90)
+        left, away = lateral > 0, np.abs(lateral)
+        bank, lake, wood = (
+            np.where(left, row[..., column], row[..., column + 1])
+            for column in (Column.BANK_LEFT, Column.LAKE_LEFT, Column.WOOD_LEFT)
         )
+        swell = 6.5 * sample(self.hills, x, y, 3.0) + bank * np.minimum(away, 90)
+        height = row[..., Column.HEIGHT] + ramp(away, 5, 42) * swell
         height += ramp(away, 130, 1300) * 120 * (1 - 1.6 * np.abs(sample(self.hills, x, y, 13.0)))
         height += ramp(away, 700, 3600) * 900 * (0.75 - np.abs(sample(self.hills, x, y, 41.0))) ** 2
         height -= 0.4 * np.exp(-(((away - 6.4) / 0.9) ** 2))
 
-        lake = np.where(left, row[..., Column.LAKE_LEFT], row[..., Column.LAKE_RIGHT])
         shore = 5 * sample(self.detail, x, y, 1.5)
         bowl = lake * ramp(away + shore, 10, 22) * (1 - ramp(away + 4 * shore, 120, 220))
         level = row[..., Column.LEVEL]
         height += bowl * (level - 2 - height)
-        water = ((height < level) & (bowl > 0.3)).astype(np.float32)
-        height = np.where(water > 0, level, height)
+        water = (height < level) & (bowl > 0.3)
+        height = np.where(water, level, height)
 
-        canopy = self._canopy(x, y, row, left, away) * (1 - np.minimum(bowl * 3, 1))
-        return Surface((height + canopy).astype(np.float32), lateral, canopy.astype(np.float32), water)
-
-    def _canopy(
-        self,
-        x: NDArray[np.float32],
-        y: NDArray[np.float32],
-        row: NDArray[np.float32],
-        left: NDArray[np.bool_],
-        away: NDArray[np.float32],
-    ) -> NDArray[np.float32]:
-        """Closed forest behind the roadside trees of the woods, and copses on the hills."""
-        wood = np.where(left, row[..., Column.WOOD_LEFT], row[..., Column.WOOD_RIGHT])
+        # Closed forest behind the roadside trees of the woods, and copses on the hills.
         edge = away + 5 * sample(self.detail, x, y, 1.1)
-        beside = np.where(wood > 0.5, ramp(edge, 24, 27), 0)
+        beside = np.where(wood > 0.5, ramp(edge, 24, 27), 0) * (away < 260)
         copses = ramp(sample(self.hills, y, x, 2.2) + 0.1 * sample(self.detail, x, y, 0.9), 0.16, 0.2)
         crowns = 1 + 0.32 * sample(self.detail, x, y, 0.7)
-        return np.asarray(
-            _CROWN * crowns * np.maximum(beside * (away < 260), copses * ramp(away, 110, 125)), np.float32
-        )
+        forest = (_CROWN * crowns * np.maximum(beside, copses * ramp(away, 110, 125))).astype(np.float32)
+        canopy = forest * (1 - np.minimum(bowl * 3, 1))
+        return Surface((height + canopy).astype(np.float32), lateral, canopy.astype(np.float32), water)
 
     def height_at(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the height of the ground under trees at world positions of any shape."""
@@ -121,7 +108,7 @@ class Land(NamedTuple):
         lateral: Signed distance from the road in metres.
         canopy: Crown height above ground in metres.
         crown: How high in the forest the point lies: 0 at its foot, 1 at the height of its crowns.
-        water: Lake, 0 to 1.
+        water: Whether it is a lake.
         slope_x: Rise of the surface along x.
         slope_y: Rise of the surface along y.
     """
@@ -134,7 +121,7 @@ class Land(NamedTuple):
     lateral: NDArray[np.float32]
     canopy: NDArray[np.float32]
     crown: NDArray[np.float32]
-    water: NDArray[np.float32]
+    water: NDArray[np.bool_]
     slope_x: NDArray[np.float32]
     slope_y: NDArray[np.float32]
 
@@ -147,17 +134,16 @@ def view_terrain(terrain: Terrain, camera: Camera) -> Land:
     hides it.
     """
     width, coarse = camera.width, -(-camera.width // 2)
-    steps = _STEPS
     sideways = camera.column_slopes()
     # Every other column is sampled; those between are interpolated.
     fan = np.asarray(cv2.resize(sideways[None], (coarse, 1), interpolation=cv2.INTER_AREA), np.float32)[0]
-    surface = terrain.surface(*camera.ground_points(steps[:, None], fan[None, :]))
-    slope_x, slope_y = _gradient(surface.height - 0.5 * surface.canopy, steps, fan, camera)
+    surface = terrain.surface(*camera.ground_points(_STEPS[:, None], fan[None, :]))
+    slope_x, slope_y = _gradient(surface.height - 0.5 * surface.canopy, fan, camera)
 
     def widen(values: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.asarray(cv2.resize(values, (width, _SAMPLES), interpolation=cv2.INTER_LINEAR), np.float32)
 
-    horizon = np.maximum.accumulate(widen((surface.height - np.float32(camera.z)) / steps[:, None]), axis=0)
+    horizon = np.maximum.accumulate(widen((surface.height - np.float32(camera.z)) / _STEPS[:, None]), axis=0)
     slopes = camera.row_slopes()
     top = int(np.clip(np.searchsorted(-slopes, -float(horizon[-1].max())), 0, camera.height - 1))
     slopes = slopes[top:]
@@ -173,10 +159,10 @@ def view_terrain(terrain: Terrain, camera: Camera) -> Land:
     low, high = horizon.ravel()[flat - width], horizon.ravel()[flat]
     t = np.clip((slopes[:, None] - low) / np.maximum(high - low, 1e-6), 0, 1)
     # On a plane the inverse depth, not the depth, is linear in the slope.
-    inverse = 1 / steps
+    inverse = 1 / _STEPS
     depth = 1 / (inverse[after - 1] + t * (inverse[after] - inverse[after - 1]))
     depth[~seen] = FAR
-    share = (depth - steps[after - 1]) / (steps[after] - steps[after - 1])
+    share = (depth - _STEPS[after - 1]) / (_STEPS[after] - _STEPS[after - 1])
     lateral = widen(surface.lateral).ravel()
     lateral = lateral[flat - width] + share * (lateral[flat] - lateral[flat - width])
 
@@ -196,15 +182,11 @@ def view_terrain(terrain: Terrain, camera: Camera) -> Land:
 
 
 def _gradient(
-    height: NDArray[np.float32],
-    steps: NDArray[np.float32],
-    sideways: NDArray[np.float32],
-    camera: Camera,
+    height: NDArray[np.float32], sideways: NDArray[np.float32], camera: Camera
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Rise along x and y of samples that lie on the camera's fan of depths and column slopes, D × W."""
-    along, across = np.gradient(height, np.log(steps), sideways)
-    across = across / steps[:, None]
-    ahead = along / steps[:, None] - across * sideways[None, :]
-    slope_x = ahead * camera.forward[0] + across * camera.right[0]
-    slope_y = ahead * camera.forward[1] + across * camera.right[1]
-    return slope_x.astype(np.float32), slope_y.astype(np.float32)
+    (fx, fy), (rx, ry) = camera.forward, camera.right
+    along, across = np.gradient(height, np.log(_STEPS), sideways)
+    across = across / _STEPS[:, None]
+    ahead = along / _STEPS[:, None] - across * sideways[None, :]
+    return (ahead * fx + across * rx).astype(np.float32), (ahead * fy + across * ry).astype(np.float32)

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from everplace.render.mesh import Mesh
 from everplace.render.noise import tile
+from everplace.render.planner import Plants
 from everplace.render.road import Road, make_road
-from everplace.render.scenery import Scenery, plan_scenery
+from everplace.render.scenery import plan_scenery
 from everplace.render.terrain import Terrain
 
 __all__ = ["World", "make_world"]
@@ -23,14 +25,16 @@ class World:
         seed: The seed it was made from.
         road: The road and its stretches.
         terrain: The land.
-        scenery: Plants and buildings.
+        plants: Trees and bushes that stand alone.
+        mesh: Everything built.
         grain: Noise tile for textures of ground and sky.
     """
 
     seed: int
     road: Road
     terrain: Terrain
-    scenery: Scenery
+    plants: Plants
+    mesh: Mesh
     grain: NDArray[np.float32]
 
 
@@ -45,4 +49,5 @@ def make_world(seed: int, length: float) -> World:
     hills, detail, grain = tile(rng, 8, 4), tile(rng, 32, 4), tile(rng, 8, 6)
     road = make_road(rng, length)
     terrain = Terrain(road, hills, detail)
-    return World(seed, road, terrain, plan_scenery(rng, road, terrain), grain)
+    plants, mesh = plan_scenery(rng, road, terrain)
+    return World(seed, road, terrain, plants, mesh, grain)
