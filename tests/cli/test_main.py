@@ -216,7 +216,8 @@ def test_a_wrong_setting_is_told_by_the_file_that_gives_it(tmp_path: Path) -> No
     assert status == 2
     assert "own.toml: foo: there is no such setting; known are model, " in err
     status, _, err = call(*options, "--minutes", "-1")
-    assert (status, err) == (2, "everplace: --minutes: Input should be greater than 0, not -1.0\n")
+    wrong = "--minutes: Input should be greater than 0, not -1.0 (minutes: Stop after so much training time.)"
+    assert (status, err) == (2, f"everplace: {wrong}\n")
     assert not (tmp_path / "run").exists()
 
 
