@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.exceptions import Exit
+import typer
 from typer.main import get_command
 
 from everplace.cli.main import app
@@ -32,7 +32,7 @@ def test_a_command_and_its_options_exist(line: str) -> None:
         command, arguments = command.commands[word], words[index + 1 :]
     try:
         assert command.make_context(words[-1], arguments).params
-    except Exit as ended:  # of an option that says something and ends the command
+    except typer.Exit as ended:  # of an option that says something and ends the command
         assert ended.exit_code == 0
 
 
