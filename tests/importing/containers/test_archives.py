@@ -18,7 +18,7 @@ from tests.importing.packing import pack_files
 
 from everplace.errors import EverplaceError, RouteError
 from everplace.images.decoding import MAX_FILE_BYTES
-from everplace.importing.containers import tar_stream
+from everplace.importing.containers import archives
 from everplace.importing.containers.archives import (
     Member,
     archive_label,
@@ -170,7 +170,7 @@ def test_a_flipped_bit_in_a_zip_is_noticed_with_the_member(tmp_path: Path) -> No
 
 
 def test_decompression_bombs_are_refused_early(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tar_stream, "_FREE_EXPANSION", 2**20)
+    monkeypatch.setattr(archives, "_FREE_EXPANSION", 2**20)
     zeros = bytes(2**22)
     for path in (
         tar(tmp_path / "a.tar.gz", {f"{number}.png": zeros for number in range(3)}, "w:gz"),

@@ -19,7 +19,7 @@ import numpy as np
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.tree_path import AnyPath
+from everplace.importing.containers.file_trees import AnyPath
 
 __all__ = ["read_object_array"]
 

@@ -11,7 +11,7 @@ from pathlib import PurePosixPath
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.tree_path import AnyPath
+from everplace.importing.containers.file_trees import AnyPath
 
 __all__ = ["TextRow", "read_rows"]
 

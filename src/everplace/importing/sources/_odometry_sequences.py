@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.image_tree import read_files
-from everplace.importing.containers.tree_path import Places, TreePath, find_places
+from everplace.importing.containers.data_set_search import Places, find_places
+from everplace.importing.containers.file_trees import TreePath
+from everplace.importing.containers.image_files import read_files
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse
 from everplace.importing.positions.trajectory import Trajectory, Up, plane_poses
 from everplace.route.natural_order import natural_sorted
@@ -80,7 +81,7 @@ def find_sequences(source: Path, is_sequence: Callable[[TreePath], bool], what: 
     for place in found:
         other = named.setdefault(place.name, place)
         if other.is_on_disk and not place.is_on_disk:
-            notes = [*notes, f"{readable(place.tree.path)} holds {readable(place.name)} too, which is unpacked."]
+            notes = [*notes, f"{readable(place.source)} holds {readable(place.name)} too, which is unpacked."]
         elif other is not place:
             raise RouteError(
                 f"{readable(other)} and {readable(place)} would both be the sequence {readable(place.name)}; keep one "

@@ -8,7 +8,7 @@ what stands between the words, and in the images' names, whose number is what co
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
@@ -17,8 +17,9 @@ from pydantic import Field
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.archive_tree import archives_in, open_trees, unread_note
-from everplace.importing.containers.file_trees import FileTree, FolderTree
-from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.containers.file_trees import TreePath
+from everplace.importing.containers.image_files import read_frames
+from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.route.natural_order import natural_sorted
 
 __all__ = ["SUMMARY", "Options", "read"]
@@ -51,7 +52,7 @@ class _Walk(NamedTuple):
         names: The names of its images in the tree.
     """
 
-    tree: FileTree
+    tree: TreePath
     directory: str
     names: list[str]
 
@@ -68,7 +69,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     """
     found = _find(open_trees(source, archives=False))
     unread = unread_note(source / name for name in archives_in(source)) if found else []
-    found = found or _find([tree for tree in open_trees(source) if not isinstance(tree, FolderTree)])
+    found = found or _find([tree for tree in open_trees(source) if not tree.is_on_disk])
     if not found:
         raise RouteError(
             f"{readable(source)} holds none of {', '.join(_TRAVERSES)}; give the directory or archive that does"
@@ -87,7 +88,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         traverses=(
             ForeignTraverse(
                 name,
-                _frames(found[name].tree, frames),
+                read_frames(found[name].tree, frames),
                 condition=name.partition("_")[0] if options.condition == "light" else "",
                 count=len(frames),
             )
@@ -98,7 +99,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     )
 
 
-def _find(trees: Sequence[FileTree]) -> dict[str, _Walk]:
+def _find(trees: Sequence[TreePath]) -> dict[str, _Walk]:
     """Returns what is there of each traverse."""
     found: dict[str, _Walk] = {}
     for tree in trees:
@@ -110,7 +111,7 @@ def _find(trees: Sequence[FileTree]) -> dict[str, _Walk]:
             walk = found.setdefault(traverse, _Walk(tree, directory, []))
             if (walk.tree, walk.directory) != (tree, directory):
                 raise RouteError(
-                    f"{readable(walk.tree.path / walk.directory)} and {readable(tree.path / directory)} are both "
+                    f"{readable(walk.tree / walk.directory)} and {readable(tree / directory)} are both "
                     f"{traverse}; give one copy"
                 )
             walk.names.append(name)
@@ -137,20 +138,14 @@ def _by_number(walk: _Walk) -> dict[str, str]:
         match = _NUMBER.fullmatch(name[len(walk.directory) + 1 :].rpartition(".")[0])
         if match is None:
             raise RouteError(
-                f"the name of {readable(walk.tree.path / name)} does not hold one number, so its place is unknown; "
+                f"the name of {readable(walk.tree / name)} does not hold one number, so its place is unknown; "
                 "rename it or move it away"
             )
         stem = f"{int(match[1]):03d}"
         if stem in found:
             raise RouteError(
-                f"{readable(walk.tree.path)} holds {readable(found[stem])} and {readable(name)}, both of place "
+                f"{readable(walk.tree.source)} holds {readable(found[stem])} and {readable(name)}, both of place "
                 f"{stem}; keep one of them"
             )
         found[stem] = name
     return {stem: found[stem] for stem in natural_sorted(found)}
-
-
-def _frames(tree: FileTree, names: dict[str, str]) -> Iterator[ForeignFrame]:
-    stems = {name: stem for stem, name in names.items()}
-    for name, content in tree.read(stems):
-        yield ForeignFrame(stems[name], content)

@@ -17,9 +17,9 @@ from pydantic import Field
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.image_tree import image_names
+from everplace.importing.containers.file_trees import AnyPath, TreePath
+from everplace.importing.containers.image_files import image_names
 from everplace.importing.containers.text_rows import read_rows
-from everplace.importing.containers.tree_path import AnyPath, TreePath
 from everplace.importing.foreign_route import ForeignRoute, SourceOptions
 from everplace.importing.positions.trajectory import plane_poses
 from everplace.importing.sources._odometry_sequences import (

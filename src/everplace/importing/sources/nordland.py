@@ -23,7 +23,7 @@ from pydantic import BeforeValidator
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.importing.containers.archive_tree import archives_in, open_trees, unread_note
-from everplace.importing.containers.file_trees import FileTree, files_below
+from everplace.importing.containers.file_trees import TreePath, files_below
 from everplace.importing.containers.video_frames import VIDEO_ENDINGS
 from everplace.importing.content import parse_size, resized
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
@@ -182,7 +182,7 @@ def _files(source: Path, endings: tuple[str, ...]) -> list[Path]:
 class _Images:
     """A copy that consists of image files, in directories or archives."""
 
-    def __init__(self, source: Path, trees: Sequence[FileTree], options: Options) -> None:
+    def __init__(self, source: Path, trees: Sequence[TreePath], options: Options) -> None:
         parse = _parser(source, trees, options.form)
         self.tolerance: int | None = None
         self._trees = trees
@@ -192,7 +192,7 @@ class _Images:
         at = {"database": options.database, "queries": options.queries}
         split = "test" if options.preset == "olid" else options.split
         for index, tree in enumerate(trees):
-            label = _label(tree.path)
+            label = _label(tree.source)
             for name in tree.images:
                 frame = parse(f"{label}/{name}")
                 if frame is None or not frame.season:
@@ -205,7 +205,7 @@ class _Images:
                 if frame.stem in frames:
                     before, other = frames[frame.stem]
                     raise RouteError(
-                        f"{readable(trees[before].locate(other))} and {readable(tree.locate(name))} are the same frame "
+                        f"{readable(trees[before] / other)} and {readable(tree / name)} are the same frame "
                         f"of {season} twice; keep one of them"
                     )
                 frames[frame.stem] = (index, name)
@@ -234,13 +234,13 @@ class _Images:
                 yield ForeignFrame(names[name], content)
 
 
-def _parser(source: Path, trees: Sequence[FileTree], form: str) -> Callable[[str], Named | None]:
+def _parser(source: Path, trees: Sequence[TreePath], form: str) -> Callable[[str], Named | None]:
     """Returns what reads the names of this form."""
     parsers: dict[str, Callable[[str], Named | None]] = {"olid": olid_frame, "at": at_frame, "seasons": season_frame}
     for name in [form] if form else parsers:
         parse = parsers[name]
         for tree in trees:
-            label = _label(tree.path)
+            label = _label(tree.source)
             if any((frame := parse(f"{label}/{name}")) is not None and frame.season for name in tree.images):
                 return parse
     what = f"form {form}" if form else "known form"

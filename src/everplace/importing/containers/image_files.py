@@ -8,16 +8,13 @@ from typing import TypeVar
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.images.decoding import IMAGE_ENDINGS
-from everplace.importing.containers.file_trees import is_image_name
-from everplace.importing.containers.tree_path import TreePath
-from everplace.importing.foreign_route import Content
+from everplace.importing.containers.file_trees import TreePath
+from everplace.importing.foreign_route import Content, ForeignFrame
 from everplace.route.natural_order import natural_key
 
-__all__ = ["by_stem", "image_names", "read_files", "stem_of"]
+__all__ = ["by_stem", "image_names", "read_files", "read_frames", "stem_of"]
 
 _Item = TypeVar("_Item")
-
-_ENDINGS = tuple(sorted(IMAGE_ENDINGS))
 
 
 def image_names(directory: TreePath) -> list[str]:
@@ -35,17 +32,16 @@ def image_names(directory: TreePath) -> list[str]:
     if not directory.is_dir():
         problem = "is not a directory" if directory.is_file() else "does not exist"
         raise RouteError(f"{readable(directory)} {problem}; give the directory of the data set, or its archive")
-    names = [name for name in directory.tree.files(directory.inside) if is_image_name(name)]
-    if not names:
+    if not directory.images:
         raise RouteError(
-            f"{readable(directory)} holds no file that ends in {', '.join(_ENDINGS)}; put the images there"
+            f"{readable(directory)} holds no file that ends in {', '.join(sorted(IMAGE_ENDINGS))}; put the images there"
         )
     try:
-        "".join(names).encode("utf-8")
+        "".join(directory.images).encode("utf-8")
     except UnicodeEncodeError as error:
-        foreign = min(name for name in names if any("\udc80" <= letter <= "\udcff" for letter in name))
+        foreign = min(name for name in directory.images if any("\udc80" <= letter <= "\udcff" for letter in name))
         raise RouteError(f"the name of {readable(directory / foreign)} is not UTF-8; rename it") from error
-    return sorted(names, key=lambda name: natural_key(stem_of(name)))
+    return sorted(directory.images, key=lambda name: natural_key(stem_of(name)))
 
 
 def stem_of(name: str) -> str:
@@ -78,7 +74,7 @@ def by_stem(directory: TreePath, names: Iterable[str], prefix: str = "") -> dict
 
 
 def read_files(directory: TreePath, names: Mapping[str, _Item], where: str = "") -> Iterator[tuple[_Item, Content]]:
-    """Reads files, in an order that suits the tree.
+    """Reads files, in an order that suits where they lie.
 
     Args:
         directory: Where they are.
@@ -91,16 +87,27 @@ def read_files(directory: TreePath, names: Mapping[str, _Item], where: str = "")
     Raises:
         RouteError: There is no such file, or it cannot be read.
     """
-    items = {(directory / name).inside: item for name, item in names.items()}
 
     def there() -> Iterator[str]:
-        for name in items:
-            if where and not directory.tree.is_file(name):
+        for name in names:
+            if where and not (directory / name).is_file():
                 raise RouteError(
-                    f"{readable(TreePath(directory.tree, name))} does not exist, but {where} names it; complete the "
-                    "data set or correct the list"
+                    f"{readable(directory / name)} does not exist, but {where} names it; complete the data set or "
+                    "correct the list"
                 )
             yield name
 
-    for name, content in directory.tree.read(there()):
-        yield items[name], content
+    for name, content in directory.read(there()):
+        yield names[name], content
+
+
+def read_frames(directory: TreePath, names: Mapping[str, str], where: str = "") -> Iterator[ForeignFrame]:
+    """Reads the frames of which nothing is known but their stems, as `read_files`.
+
+    Args:
+        directory: Where they are.
+        names: Paths from there, by stem.
+        where: The list that names them, for the message; empty: they are known to be there.
+    """
+    stems = {name: stem for stem, name in names.items()}
+    return (ForeignFrame(stem, content) for stem, content in read_files(directory, stems, where))

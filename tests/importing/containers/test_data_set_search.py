@@ -1,4 +1,4 @@
-"""Paths into directories and archives, and finding data sets there."""
+"""Finding data sets in directories and archives."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from tests.importing.packing import pack_files
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.archive_tree import ArchiveTree
-from everplace.importing.containers.tree_path import TreePath, find_data_set, find_places
+from everplace.importing.containers.data_set_search import find_data_set, find_places
+from everplace.importing.containers.file_trees import TreePath
 
 
 def is_set(place: TreePath) -> bool:
@@ -26,32 +26,6 @@ def write(root: Path, *names: str) -> None:
     for name in names:
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_text(name)
-
-
-def test_paths_are_used_like_those_of_the_disk(tmp_path: Path) -> None:
-    write(tmp_path, "set/a/list.txt")
-    packed = TreePath(ArchiveTree(pack_files(tmp_path / "set.tar.gz", [("a/list.txt", b"set/a/list.txt")])))
-    for top, where in ((TreePath.of(tmp_path / "set"), "set"), (packed, "set.tar.gz")):
-        file = top / "a" / "list.txt"
-        assert (top.name, file.name, file.parent.name, file.parent.parent.name) == ("set", "list.txt", "a", "set")
-        assert file.is_file()
-        assert (top / "a").is_dir()
-        assert not (top / "b").is_dir()
-        assert (top / "a").children() == ([], ["list.txt"])
-        with file.open() as opened:
-            assert opened.read() == b"set/a/list.txt"
-        assert readable(file) == str(tmp_path / where / "a/list.txt")
-        assert file.is_on_disk == (where == "set")
-    assert (TreePath.of(tmp_path / "set").parent / "set/a/list.txt").is_file()
-    assert packed.parent is packed
-
-
-def test_an_absolute_name_is_one_on_the_disk(tmp_path: Path) -> None:
-    write(tmp_path, "pairs.txt")
-    place = TreePath(ArchiveTree(pack_files(tmp_path / "a.zip", [("1.png", b"")]))) / str(tmp_path / "pairs.txt")
-    assert place.is_on_disk
-    assert place.is_file()
-    assert place.name == "pairs.txt"
 
 
 def test_each_branch_is_searched_until_one_is_found(tmp_path: Path) -> None:
