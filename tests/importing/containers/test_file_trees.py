@@ -15,7 +15,7 @@ from tests.importing.packing import pack, pack_files
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.archive_tree import ArchivePath
-from everplace.importing.containers.file_trees import DiskPath, TreePath, files_below
+from everplace.importing.containers.file_trees import TreePath, files_below
 from everplace.importing.foreign_route import Encoded
 
 HIDDEN = (".hidden.png", "b/._9.jpg", ".git/1.png")
@@ -40,7 +40,7 @@ def answers(path: TreePath) -> dict[str, Any]:
 
 
 def test_a_directory_and_an_archive_of_it_hold_the_same_images(tmp_path: Path) -> None:
-    folder = DiskPath(make(tmp_path / "f", *NAMES, *HIDDEN))
+    folder = TreePath(make(tmp_path / "f", *NAMES, *HIDDEN))
     packed = ArchivePath(pack(tmp_path / "f", tmp_path / "f.tar.gz", "./"))
     assert folder.images == ("0.png", "a/deep2.bmp", "a/deep/er/1.webp", "b/9.jpg", "b/10.PNG")
     assert set(packed.images) == set(folder.images)
@@ -59,26 +59,26 @@ def test_a_directory_and_an_archive_of_it_answer_alike(tmp_path: Path, parts: li
     if ".." in os.path.normpath(name):
         assert answers(ArchivePath(tmp_path / "f.zip") / name) == {"file": False, "directory": False}
     elif ".." not in parts:
-        assert answers(ArchivePath(tmp_path / "f.zip") / name) == answers(DiskPath(tmp_path / "f") / name)
+        assert answers(ArchivePath(tmp_path / "f.zip") / name) == answers(TreePath(tmp_path / "f") / name)
 
 
 def test_names_that_no_disk_takes_are_not_there(tmp_path: Path) -> None:
     for name in ("a" * 5000, "a\0b"):
-        assert not (DiskPath(tmp_path) / name).is_file()
-        assert not (DiskPath(tmp_path) / name).is_dir()
+        assert not (TreePath(tmp_path) / name).is_file()
+        assert not (TreePath(tmp_path) / name).is_dir()
 
 
 def test_a_directory_that_holds_itself_ends(tmp_path: Path) -> None:
     make(tmp_path / "f", "a/1.png")
     (tmp_path / "f/a/again").symlink_to(tmp_path / "f", target_is_directory=True)
-    assert DiskPath(tmp_path / "f").images == ("a/1.png",)
+    assert TreePath(tmp_path / "f").images == ("a/1.png",)
 
 
 def test_a_missing_directory_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(RouteError, match="cannot list .*gone: No such file or directory"):
-        DiskPath(tmp_path / "gone").children()
+        TreePath(tmp_path / "gone").children()
     with pytest.raises(RouteError, match="cannot list .*gone/b: No such file"):
-        list((DiskPath(tmp_path / "gone") / "b").files())
+        list((TreePath(tmp_path / "gone") / "b").files())
 
 
 def test_files_are_found_down_to_a_level(tmp_path: Path) -> None:
@@ -90,13 +90,13 @@ def test_a_link_to_itself_is_named(tmp_path: Path) -> None:
     (tmp_path / "query").mkdir()
     (tmp_path / "query/loop").symlink_to("loop")
     with pytest.raises(RouteError, match=r"cannot follow the link .*query/loop: .*; remove it or mend it"):
-        (DiskPath(tmp_path) / "query").children()
+        (TreePath(tmp_path) / "query").children()
 
 
 def test_paths_are_used_like_those_of_the_disk(tmp_path: Path) -> None:
     make(tmp_path, "set/a/list.txt")
     packed = ArchivePath(pack_files(tmp_path / "set.tar.gz", [("a/list.txt", b"set/a/list.txt")]))
-    for top, where in ((DiskPath(tmp_path / "set"), "set"), (packed, "set.tar.gz")):
+    for top, where in ((TreePath(tmp_path / "set"), "set"), (packed, "set.tar.gz")):
         file = top / "a" / "list.txt"
         assert (top.name, file.name, file.parent.name, file.parent.parent.name) == ("set", "list.txt", "a", "set")
         assert file.is_file()
@@ -107,7 +107,7 @@ def test_paths_are_used_like_those_of_the_disk(tmp_path: Path) -> None:
             assert opened.read() == b"set/a/list.txt"
         assert readable(file) == str(tmp_path / where / "a/list.txt")
         assert file.is_on_disk == (where == "set")
-    assert (DiskPath(tmp_path / "set").parent / "set/a/list.txt").is_file()
+    assert (TreePath(tmp_path / "set").parent / "set/a/list.txt").is_file()
     assert packed.parent is packed
 
 

@@ -21,7 +21,7 @@ from everplace.importing.containers.archives import (
     read_members,
     scan_members,
 )
-from everplace.importing.containers.file_trees import Children, DiskPath, TreePath, files_below, is_image_name
+from everplace.importing.containers.file_trees import Children, TreePath, files_below, is_image_name
 from everplace.importing.foreign_route import Content, Encoded
 from everplace.route.natural_order import natural_sorted
 
@@ -80,7 +80,7 @@ class ArchivePath(TreePath):
 
     def __truediv__(self, name: str) -> TreePath:
         if Path(name).is_absolute():
-            return DiskPath(Path(name))
+            return TreePath(Path(name))
         below = object.__new__(ArchivePath)
         below.source, below._top, below._listing = self.source, self._top, self._listing
         inside = posixpath.normpath(posixpath.join(self._inside, name))
@@ -271,7 +271,7 @@ def open_trees(source: Path, *, archives: bool = True) -> list[TreePath]:
     """
     trees: list[TreePath] = []
     if source.is_dir():
-        trees = [DiskPath(source)]
+        trees = [TreePath(source)]
         if archives:
             trees += [ArchivePath(source / name) for name in archives_in(source)]
     elif not is_archive_name(source.name):

@@ -167,10 +167,7 @@ def _read(member: Member, open_member: Callable[[], IO[bytes]]) -> bytes:
             "unpack it",
         )
     with open_member() as file:
-        content = file.read(member.size + 1)
-    if len(content) != member.size:
-        raise _RefusedError(f"holds {len(content)} bytes of {_printable(member.name)}, but says {member.size}")
-    return content
+        return file.read()
 
 
 def _zip_members(file: IO[bytes], limit: int) -> Iterator[_Readable]:

@@ -12,7 +12,7 @@ from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.archive_tree import ArchivePath, archives_in, is_archive, unread_note
 from everplace.importing.containers.archives import is_archive_name
-from everplace.importing.containers.file_trees import DiskPath, TreePath
+from everplace.importing.containers.file_trees import TreePath
 
 __all__ = ["Places", "find_data_set", "find_places"]
 
@@ -61,7 +61,7 @@ def find_places(source: Path, wanted: Callable[[TreePath], bool], *, apart: bool
             raise RouteError(f"{readable(source)} {problem}; give the data set's directory, or its archive")
         found, nested, _ = _search(ArchivePath(source), wanted)
         return Places(found, unread_note(nested.values()) if found else [])
-    found, archives, closed = _search(DiskPath(source), wanted)
+    found, archives, closed = _search(TreePath(source), wanted)
     notes = []
     unread = [archive for place in found for archive in _archives_below(place, closed)]
     if apart:
@@ -107,7 +107,7 @@ def find_data_set(
         raise RouteError(f"{readable(found[0])} and {readable(found[1])} both hold {what}; {remedy}")
     if found:
         return found[0], places.notes
-    return (DiskPath if source.is_dir() else ArchivePath)(source), []
+    return (TreePath if source.is_dir() else ArchivePath)(source), []
 
 
 def _archives_below(place: TreePath, closed: list[RouteError]) -> list[TreePath]:

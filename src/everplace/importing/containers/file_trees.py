@@ -1,24 +1,35 @@
-"""Paths to other people's files, used like those of `pathlib`, whether a directory or an archive is behind."""
+"""Other people's files by paths like those of `pathlib`, and images below them; `archive_tree` has those in archives."""
 
 from __future__ import annotations
 
 import os
 import posixpath
-from abc import abstractmethod
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import IO, Literal, NamedTuple, TypeAlias
+from typing import IO, Literal, NamedTuple, TypeAlias, TypeVar
 
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.images.decoding import IMAGE_ENDINGS
-from everplace.importing.foreign_route import Content
-from everplace.route.natural_order import natural_sorted
+from everplace.importing.foreign_route import Content, ForeignFrame
+from everplace.route.natural_order import natural_key, natural_sorted
 
-__all__ = ["AnyPath", "Children", "DiskPath", "TreePath", "files_below", "is_image_name"]
+__all__ = [
+    "AnyPath",
+    "Children",
+    "TreePath",
+    "by_stem",
+    "files_below",
+    "image_names",
+    "is_image_name",
+    "read_files",
+    "read_frames",
+    "stem_of",
+]
 
 _ENDINGS = tuple(sorted(IMAGE_ENDINGS))
+_Item = TypeVar("_Item")
 
 
 class Children(NamedTuple):
@@ -34,124 +45,58 @@ class Children(NamedTuple):
 
 
 class TreePath(os.PathLike[str]):
-    """A file or directory on the disk or in an archive, which need not exist.
+    """A file or directory on the disk, which need not exist; a subclass is one in an archive.
 
     As text it is for messages: what is inside an archive lies below the archive's path.
 
     Attributes:
-        source: The directory or archive that the user gave, or that was found there.
+        source: The path on the disk, or of the archive.
         is_on_disk: Whether it is, or would be, a file or directory of its own.
     """
 
-    source: Path
-    is_on_disk: bool
+    is_on_disk = True
 
-    @abstractmethod
+    def __init__(self, path: Path) -> None:
+        self.source = path
+
+    def __fspath__(self) -> str:
+        return str(self.source)
+
     def __truediv__(self, name: str) -> TreePath:
         """Returns the path of what lies below, parts separated by `/`; an absolute name is one on the disk."""
+        return TreePath(self.source / name)
 
     @property
-    @abstractmethod
     def name(self) -> str:
         """The last part of the path; of an archive what it would be unpacked into."""
+        return self.source.absolute().name
 
     @property
-    @abstractmethod
     def parent(self) -> TreePath:
         """What it lies in; the top of an archive lies in itself, as the top of a disk does."""
+        return TreePath(self.source.absolute().parent)
 
-    @abstractmethod
     def is_dir(self) -> bool:
         """Says whether it is a directory."""
+        return os.path.isdir(self.source)  # noqa: PTH112 - also for names that no file system takes
 
-    @abstractmethod
     def is_file(self) -> bool:
         """Says whether it is a file."""
+        return os.path.isfile(self.source)  # noqa: PTH113
 
-    @abstractmethod
     def children(self) -> Children:
         """Lists what lies in it.
 
         Raises:
             RouteError: It cannot be listed.
         """
-
-    @abstractmethod
-    def files(self) -> Iterator[str]:
-        """Yields the files below it, at any depth, by their names from here; hidden ones are left out.
-
-        Raises:
-            RouteError: A directory cannot be listed.
-        """
-
-    @abstractmethod
-    def open(self, mode: Literal["rb"] = "rb") -> IO[bytes]:
-        """Opens the file, such as a list or a table.
-
-        Raises:
-            OSError: It is missing or cannot be read.
-            RouteError: It lies in an archive and is too large to be held in memory, or two archives hold it.
-        """
-
-    @abstractmethod
-    def read(self, names: Iterable[str]) -> Iterator[tuple[str, Content]]:
-        """Reads many files below it, each with its name, in an order that suits where they lie.
-
-        Raises:
-            RouteError: One of them cannot be read, or two archives hold it.
-        """
-
-    @cached_property
-    def images(self) -> tuple[str, ...]:
-        """The images below it, at any depth, by their names from here; errors as `files`."""
-        return tuple(filter(is_image_name, self.files()))
-
-
-AnyPath: TypeAlias = Path | TreePath
-"""A file that can be opened for reading."""
-
-
-class DiskPath(TreePath):
-    """A file or directory on the disk; links are followed, and each directory is entered once."""
-
-    is_on_disk = True
-
-    def __init__(self, path: Path) -> None:
-        self.source = self._path = path
-
-    def __fspath__(self) -> str:
-        return str(self._path)
-
-    def __truediv__(self, name: str) -> DiskPath:
-        return DiskPath(self._path / name)
-
-    @property
-    def name(self) -> str:
-        """The last part of the path."""
-        return self._path.absolute().name
-
-    @property
-    def parent(self) -> DiskPath:
-        """What it lies in."""
-        return DiskPath(self._path.absolute().parent)
-
-    def is_dir(self) -> bool:
-        """Says whether it is a directory."""
-        return os.path.isdir(self._path)  # noqa: PTH112 - also for names that no file system takes
-
-    def is_file(self) -> bool:
-        """Says whether it is a file."""
-        return os.path.isfile(self._path)  # noqa: PTH113
-
-    def children(self) -> Children:
-        """Lists what lies in it."""
-        at = self._path
+        at = self.source
         kinds: dict[str, bool] = {}
         try:
-            with os.scandir(self._path) as entries:
+            with os.scandir(self.source) as entries:
                 for entry in entries:
                     if not entry.name.startswith("."):
-                        at = self._path / entry.name
+                        at = self.source / entry.name
                         kinds[entry.name] = entry.is_dir()
         except OSError as error:
             if at.is_symlink():
@@ -165,25 +110,50 @@ class DiskPath(TreePath):
         return Children([name for name in ordered if kinds[name]], [name for name in ordered if not kinds[name]])
 
     def files(self) -> Iterator[str]:
-        """Yields the files below it; those of a directory before those of the directories in it."""
+        """Yields the files below it, at any depth, by their names from here; hidden ones are left out.
+
+        Links are followed, and each directory is entered once. Those of a directory come before those of the
+        directories in it; those of an archive as they come.
+
+        Raises:
+            RouteError: A directory cannot be listed.
+        """
         entered: set[tuple[int, int]] = set()
         waiting = [""]
         while waiting:
             below = waiting.pop()
             inside = (self / below).children()
-            status = (self._path / below).stat()
+            status = (self.source / below).stat()
             if (status.st_dev, status.st_ino) not in entered:
                 entered.add((status.st_dev, status.st_ino))
                 yield from (posixpath.join(below, file) for file in inside.files)
                 waiting += [posixpath.join(below, directory) for directory in reversed(inside.directories)]
 
+    @cached_property
+    def images(self) -> tuple[str, ...]:
+        """The images below it, at any depth, by their names from here; errors as `files`."""
+        return tuple(filter(is_image_name, self.files()))
+
     def open(self, mode: Literal["rb"] = "rb") -> IO[bytes]:
-        """Opens the file."""
-        return self._path.open(mode)
+        """Opens the file, such as a list or a table.
+
+        Raises:
+            OSError: It is missing or cannot be read.
+            RouteError: It lies in an archive and is too large to be held in memory, or two archives hold it.
+        """
+        return self.source.open(mode)
 
     def read(self, names: Iterable[str]) -> Iterator[tuple[str, Content]]:
-        """Yields the paths of files, which are not opened, in the order given."""
-        return ((name, self._path / name) for name in names)
+        """Yields many files below it, each with its name, in an order that suits where they lie.
+
+        Raises:
+            RouteError: One of them cannot be read, or two archives hold it.
+        """
+        return ((name, self.source / name) for name in names)
+
+
+AnyPath: TypeAlias = Path | TreePath
+"""A file that can be opened for reading."""
 
 
 def files_below(directory: Path, wanted: Callable[[str], bool], levels: int) -> Iterator[str]:
@@ -197,7 +167,7 @@ def files_below(directory: Path, wanted: Callable[[str], bool], levels: int) -> 
     Raises:
         RouteError: A directory cannot be listed.
     """
-    directories, files = DiskPath(directory).children()
+    directories, files = TreePath(directory).children()
     yield from filter(wanted, files)
     if levels:
         for below in directories:
@@ -207,3 +177,99 @@ def files_below(directory: Path, wanted: Callable[[str], bool], levels: int) -> 
 def is_image_name(name: str) -> bool:
     """Says whether a file's name ends as an image's does, in capitals or not."""
     return name.lower().endswith(_ENDINGS)
+
+
+def image_names(directory: TreePath) -> list[str]:
+    """Lists the images in a directory and its sub-directories; hidden ones are left out, no image is opened.
+
+    Args:
+        directory: Where to look. Links to directories are followed, each directory is entered once.
+
+    Returns:
+        Paths from `directory` with `/`, in natural order of the stems they get.
+
+    Raises:
+        RouteError: The directory does not exist, cannot be listed, holds no image, or a name that is not UTF-8.
+    """
+    if not directory.is_dir():
+        problem = "is not a directory" if directory.is_file() else "does not exist"
+        raise RouteError(f"{readable(directory)} {problem}; give the directory of the data set, or its archive")
+    if not directory.images:
+        raise RouteError(
+            f"{readable(directory)} holds no file that ends in {', '.join(_ENDINGS)}; put the images there"
+        )
+    try:
+        "".join(directory.images).encode("utf-8")
+    except UnicodeEncodeError as error:
+        foreign = min(name for name in directory.images if any("\udc80" <= letter <= "\udcff" for letter in name))
+        raise RouteError(f"the name of {readable(directory / foreign)} is not UTF-8; rename it") from error
+    return sorted(directory.images, key=lambda name: natural_key(stem_of(name)))
+
+
+def stem_of(name: str) -> str:
+    """Returns the stem of an image in a route: its path without the ending, `night/7.jpg` as `night-7`."""
+    folder, slash, last = name.rpartition("/")
+    stem = last.rpartition(".")[0] or last
+    return (folder + slash + stem).replace("/", "-").lstrip(".") or "-"
+
+
+def by_stem(directory: TreePath, names: Iterable[str], prefix: str = "") -> dict[str, str]:
+    """Returns the names by the stems they get, in the order given.
+
+    Args:
+        directory: Where the images are, for the message.
+        names: Paths from there.
+        prefix: Put before each stem.
+
+    Raises:
+        RouteError: Two names get the same stem.
+    """
+    found: dict[str, str] = {}
+    for name in names:
+        stem = prefix + stem_of(name)
+        if found.setdefault(stem, name) != name:
+            raise RouteError(
+                f"{found[stem]!r} and {name!r} in {readable(directory)} would both be the frame {stem!r}; keep one of "
+                "them, or rename it"
+            )
+    return found
+
+
+def read_files(directory: TreePath, names: Mapping[str, _Item], where: str = "") -> Iterator[tuple[_Item, Content]]:
+    """Reads files, in an order that suits where they lie.
+
+    Args:
+        directory: Where they are.
+        names: What each of them is, by path from there.
+        where: The list that names them, for the message; empty: they are known to be there.
+
+    Yields:
+        What a file is, and its content.
+
+    Raises:
+        RouteError: There is no such file, or it cannot be read.
+    """
+
+    def there() -> Iterator[str]:
+        for name in names:
+            if where and not (directory / name).is_file():
+                raise RouteError(
+                    f"{readable(directory / name)} does not exist, but {where} names it; complete the data set or "
+                    "correct the list"
+                )
+            yield name
+
+    for name, content in directory.read(there()):
+        yield names[name], content
+
+
+def read_frames(directory: TreePath, names: Mapping[str, str], where: str = "") -> Iterator[ForeignFrame]:
+    """Reads the frames of which nothing is known but their stems, as `read_files`.
+
+    Args:
+        directory: Where they are.
+        names: Paths from there, by stem.
+        where: The list that names them, for the message; empty: they are known to be there.
+    """
+    stems = {name: stem for stem, name in names.items()}
+    return (ForeignFrame(stem, content) for stem, content in read_files(directory, stems, where))

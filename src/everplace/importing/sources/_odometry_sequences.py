@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.data_set_search import Places, find_places
-from everplace.importing.containers.file_trees import TreePath
-from everplace.importing.containers.image_files import read_files
+from everplace.importing.containers.file_trees import TreePath, read_files
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse
 from everplace.importing.positions.trajectory import Trajectory, Up, plane_poses
 from everplace.route.natural_order import natural_sorted

@@ -17,8 +17,7 @@ from pydantic import Field
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.archive_tree import archives_in, open_trees, unread_note
-from everplace.importing.containers.file_trees import TreePath
-from everplace.importing.containers.image_files import read_frames
+from everplace.importing.containers.file_trees import TreePath, read_frames
 from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.route.natural_order import natural_sorted
 

@@ -12,8 +12,7 @@ from pathlib import Path
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.data_set_search import find_data_set
-from everplace.importing.containers.file_trees import AnyPath, TreePath
-from everplace.importing.containers.image_files import by_stem, read_frames
+from everplace.importing.containers.file_trees import AnyPath, TreePath, by_stem, read_frames
 from everplace.importing.containers.text_rows import read_rows
 from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.route.truth import TruthPair

@@ -17,8 +17,7 @@ from pydantic import Field
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.file_trees import TreePath
-from everplace.importing.containers.image_files import by_stem
+from everplace.importing.containers.file_trees import TreePath, by_stem
 from everplace.importing.containers.text_rows import TextRow, read_rows
 from everplace.importing.foreign_route import ForeignRoute, SourceOptions
 from everplace.importing.positions.trajectory import Up, plane_poses, read_quaternion, rotation_of

@@ -17,8 +17,7 @@ from pydantic import Field
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.file_trees import AnyPath, TreePath
-from everplace.importing.containers.image_files import image_names
+from everplace.importing.containers.file_trees import AnyPath, TreePath, image_names
 from everplace.importing.containers.text_rows import read_rows
 from everplace.importing.foreign_route import ForeignRoute, SourceOptions
 from everplace.importing.positions.trajectory import plane_poses

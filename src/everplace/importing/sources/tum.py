@@ -14,8 +14,7 @@ from pydantic import Field
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.file_trees import TreePath
-from everplace.importing.containers.image_files import by_stem
+from everplace.importing.containers.file_trees import TreePath, by_stem
 from everplace.importing.containers.text_rows import read_rows
 from everplace.importing.foreign_route import ForeignRoute, SourceOptions
 from everplace.importing.positions.trajectory import Trajectory, read_quaternion, rotation_of

@@ -19,8 +19,7 @@ from pydantic import Field
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.data_set_search import find_data_set
-from everplace.importing.containers.file_trees import AnyPath, TreePath
-from everplace.importing.containers.image_files import by_stem, image_names, read_files
+from everplace.importing.containers.file_trees import AnyPath, TreePath, by_stem, image_names, read_files
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.route.traverse import Pose
 

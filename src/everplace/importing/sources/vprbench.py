@@ -15,8 +15,7 @@ from typing import Any
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.data_set_search import find_data_set
-from everplace.importing.containers.file_trees import AnyPath
-from everplace.importing.containers.image_files import by_stem, image_names, read_frames
+from everplace.importing.containers.file_trees import AnyPath, by_stem, image_names, read_frames
 from everplace.importing.containers.object_npy import read_object_array
 from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.route.truth import TruthPair
