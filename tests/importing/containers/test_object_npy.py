@@ -72,6 +72,13 @@ def test_plain_numbers_and_the_order_in_memory(tmp_path: Path, order: Any) -> No
     assert read_object_array(tmp_path / "c.npy") == PLAIN
 
 
+def test_lists_of_one_length_stay_lists(tmp_path: Path) -> None:
+    rows = np.empty(2, dtype=object)
+    rows[0], rows[1] = [1, 2], [3, 4]
+    np.save(tmp_path / "a.npy", rows, allow_pickle=True)
+    assert read_object_array(tmp_path / "a.npy") == [[1, 2], [3, 4]]
+
+
 class Hostile:
     def __init__(self, function: Any, *arguments: Any) -> None:
         self.call = function, arguments

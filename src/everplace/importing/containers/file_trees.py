@@ -1,4 +1,4 @@
-"""Other people's files by paths like those of `pathlib`, and images below them; `archive_tree` has those in archives."""
+"""Other people's files by paths like those of `pathlib`, and images below them; `archive_tree` is for archives."""
 
 from __future__ import annotations
 
