@@ -11,8 +11,8 @@ from pathlib import Path
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.images.decoding import IMAGE_ENDINGS
+from everplace.route.csv_table import read_poses
 from everplace.route.natural_order import natural_sorted
-from everplace.route.poses import read_poses
 from everplace.route.route_toml import ROUTE_TOML, RouteToml, TraverseToml
 from everplace.route.traverse import Traverse
 

@@ -15,7 +15,7 @@ from everplace.files import readable
 from everplace.importing.foreign_route import ForeignFrame
 from everplace.importing.positions.trajectory import Trajectory, plane_poses
 from everplace.importing.recording import RecordingOptions
-from everplace.route.csv_table import read_table
+from everplace.route.csv_table import CsvTable
 from everplace.route.natural_order import natural_sorted
 from everplace.route.traverse import Pose
 
@@ -103,7 +103,8 @@ def read_pose_track(path: Path) -> PoseTrack:
     Raises:
         RouteError: The file cannot be read, lacks a column, holds a number that is not finite, or no row at all.
     """
-    rows = [row.numbers for row in read_table(path, "seconds", ("seconds", *_PLANE), "check the file")]
+    columns = ("seconds", *_PLANE)
+    rows = [row.floats(columns, "four numbers") for row in CsvTable(path, columns)]
     if not rows:
         raise RouteError(f"{readable(path)} holds no pose; add rows or remove the file")
     table = np.array(rows, dtype=np.float64)
@@ -121,10 +122,11 @@ def read_named_poses(path: Path) -> dict[str, Pose]:
             no row at all, or its stems are not in natural order.
     """
     named: dict[str, Pose] = {}
-    for row in read_table(path, "stem", _PLANE, "check the file"):
-        if row.key in named:
-            raise row.wrong(f"names the stem {row.key!r} a second time; keep one pose for each frame")
-        named[row.key] = Pose(*row.numbers)
+    for row in CsvTable(path, ("stem", *_PLANE)):
+        stem = row.cells["stem"]
+        if stem in named:
+            raise row.wrong(f"names the stem {stem!r} a second time; keep one pose for each frame")
+        named[stem] = Pose(*row.floats(_PLANE, "a stem and three numbers"))
     if not named:
         raise RouteError(f"{readable(path)} holds no pose; add rows or remove the file")
     if natural_sorted(named) != list(named):

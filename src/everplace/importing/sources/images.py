@@ -18,11 +18,9 @@ from everplace.images.decoding import IMAGE_ENDINGS
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute
 from everplace.importing.positions.pose_track import PoseTrack, read_pose_track, with_poses
 from everplace.importing.recording import Drive, RecordingOptions, list_directories, list_directory, recorded_route
-from everplace.route.csv_table import read_columns
+from everplace.route.csv_table import CsvTable, read_poses, read_times
 from everplace.route.folder import POSES_CSV, TIMES_CSV, open_traverse
-from everplace.route.poses import read_poses
 from everplace.route.route_toml import read_route_toml
-from everplace.route.times import read_times
 from everplace.route.traverse import Pose, Traverse
 
 __all__ = ["SUMMARY", "Options", "read"]
@@ -67,7 +65,7 @@ def _open(directory: Path, options: RecordingOptions) -> Drive:
     track: PoseTrack | None = None
     named: NDArray[np.float64] | None = None
     if poses.exists():
-        if "seconds" in read_columns(poses):
+        if "seconds" in CsvTable(poses).columns:
             track = read_pose_track(poses)
         else:
             named = read_poses(poses, traverse.stems)

@@ -22,7 +22,7 @@ from everplace.importing.containers.video_frames import ANEW, VIDEO_ENDINGS, che
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute
 from everplace.importing.positions.pose_track import named_by_poses, read_named_poses, read_pose_track, with_poses
 from everplace.importing.recording import Drive, RecordingOptions, list_directory, recorded_route
-from everplace.route.csv_table import read_columns
+from everplace.route.csv_table import CsvTable
 
 __all__ = ["EXTRAS", "SUMMARY", "Options", "read"]
 
@@ -68,7 +68,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
 def _open(path: Path, options: Options, notes: list[str]) -> Drive:
     count = check_video(path)
     sidecar = path.with_suffix(".poses.csv")
-    timed = sidecar.exists() and "seconds" in read_columns(sidecar)
+    timed = sidecar.exists() and "seconds" in CsvTable(sidecar).columns
     track = read_pose_track(sidecar) if timed else None
     named = read_named_poses(sidecar) if sidecar.exists() and not timed else None
     kept: int | None = None
