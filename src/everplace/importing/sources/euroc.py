@@ -10,23 +10,22 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.file_trees import TreePath, by_stem
 from everplace.importing.containers.text_rows import read_rows
-from everplace.importing.foreign_route import ForeignRoute, SourceOptions
-from everplace.importing.positions.trajectory import Trajectory, read_quaternion, rotation_of
-from everplace.importing.sources._odometry_sequences import (
+from everplace.importing.foreign_route import ForeignRoute
+from everplace.importing.sources._image_sequences import (
     ImageSequence,
     SequenceFrame,
+    TimedSequenceOptions,
     find_sequences,
     poses_at,
+    read_trajectory,
     sequences_route,
 )
 from everplace.route.traverse import Pose
@@ -40,20 +39,14 @@ _TRANSFORM = re.compile(r"^T_BS:.*?^\s*data:\s*\[([^\]]*)\]", re.DOTALL | re.MUL
 _LONGEST_YAML = 1 << 20
 
 
-class Options(SourceOptions):
+class Options(TimedSequenceOptions):
     """Options of the kind.
 
     Attributes:
         camera: Directory of the camera in mav0.
-        poses: Whether to read the truth where it is there; frames without a pose are then left out.
-        limit: Seconds from an image to the nearest pose, up to which the pose counts.
-        radius: Metres up to which two images show the same place; the data set names none.
     """
 
     camera: str = "cam0"
-    poses: bool = True
-    limit: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.02
-    radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
@@ -90,26 +83,14 @@ def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
         # Nanoseconds since 1970 do not fit a float: the first image is moment 0.
         start = next(iter(times.values()))
         seconds = [(stamp - start) / 1e9 for stamp in times.values()]
-        poses = poses_at(_read_trajectory(truth, start), seconds, options.limit, "z", _read_camera(camera))
+        trajectory = read_trajectory(truth, lambda row: (row.whole(0, "a time stamp") - start) / 1e9, ",", w_first=True)
+        poses = poses_at(trajectory, seconds, options.limit, "z", _read_camera(camera))
     stems = {file: stem for stem, file in by_stem(camera, times).items()}
     frames = [
         SequenceFrame(stems[file], file, stamp / 1e9, pose)
         for (file, stamp), pose in zip(times.items(), poses, strict=True)
     ]
     return ImageSequence(name, camera / "data", listing, frames, has_poses)
-
-
-def _read_trajectory(path: TreePath, start: int) -> Trajectory:
-    seconds: list[float] = []
-    positions: list[list[float]] = []
-    quaternions: list[list[float]] = []
-    for row in read_rows(path, ","):
-        seconds.append((row.whole(0, "a time stamp") - start) / 1e9)
-        positions.append(row.floats(1, 4))
-        quaternions.append(read_quaternion(row, 4, w_first=True))
-    if not seconds:
-        raise RouteError(f"{readable(path)} holds no pose; get the sequence again, or import with --set poses=false")
-    return Trajectory.of(seconds, positions, rotation_of(quaternions))
 
 
 def _read_camera(camera: TreePath) -> NDArray[np.float64]:

@@ -10,20 +10,20 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.file_trees import AnyPath, TreePath, image_names
 from everplace.importing.containers.text_rows import read_rows
-from everplace.importing.foreign_route import ForeignRoute, SourceOptions
+from everplace.importing.foreign_route import ForeignRoute
 from everplace.importing.positions.trajectory import plane_poses
-from everplace.importing.sources._odometry_sequences import (
+from everplace.importing.sources._image_sequences import (
     ImageSequence,
     SequenceFrame,
+    SequenceOptions,
     find_sequences,
     sequences_route,
 )
@@ -36,20 +36,16 @@ SUMMARY = "KITTI odometry: sequences/NN with image_0 and times.txt, poses/NN.txt
 _NUMBER = re.compile(r"[0-9]{1,9}")
 
 
-class Options(SourceOptions):
+class Options(SequenceOptions):
     """Options of the kind.
 
     Attributes:
         camera: Directory of the images.
         sequences: Which sequences, by name; all if none is given.
-        poses: Whether to read poses where they are there; frames without a pose are then left out.
-        radius: Metres up to which two images show the same place; the data set names none.
     """
 
     camera: Literal["image_0", "image_1", "image_2", "image_3"] = "image_0"
     sequences: tuple[str, ...] = ()
-    poses: bool = True
-    radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
