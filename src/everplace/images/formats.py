@@ -24,7 +24,7 @@ from PIL.WebPImagePlugin import WebPImageFile
 
 from everplace.errors import ImageError
 
-__all__ = ["MAX_PIXELS", "decode_bytes", "image_size"]
+__all__ = ["MAX_PIXELS", "decode_bytes", "image_ending", "image_size"]
 
 MAX_PIXELS = 2**26
 """Largest picture that is decoded: 8192×8192 pixels; checked in the header, before memory is taken."""
@@ -32,21 +32,13 @@ MAX_PIXELS = 2**26
 # The readers are called by the first bytes, not through Image.open: that one warns about large pictures on
 # stderr before our own limit is asked, and tries every format it knows, some of which start other programs
 # (EPS: Ghostscript).
-_READERS: tuple[tuple[bytes, type[ImageFile.ImageFile]], ...] = (
-    (b"\xff\xd8", JpegImageFile),
-    (b"\x89PNG\r\n\x1a\n", PngImageFile),
-    (b"BM", BmpImageFile),
-    (b"II*\0", TiffImageFile),
-    (b"II+\0", TiffImageFile),
-    (b"MM\0*", TiffImageFile),
-    (b"MM\0+", TiffImageFile),
-    (b"RIFF", WebPImageFile),
-    (b"P1", PpmImageFile),
-    (b"P2", PpmImageFile),
-    (b"P3", PpmImageFile),
-    (b"P4", PpmImageFile),
-    (b"P5", PpmImageFile),
-    (b"P6", PpmImageFile),
+_READERS: tuple[tuple[bytes, type[ImageFile.ImageFile], str], ...] = (
+    (b"\xff\xd8", JpegImageFile, ".jpg"),
+    (b"\x89PNG\r\n\x1a\n", PngImageFile, ".png"),
+    (b"BM", BmpImageFile, ".bmp"),
+    *((start, TiffImageFile, ".tiff") for start in (b"II*\0", b"II+\0", b"MM\0*", b"MM\0+")),
+    (b"RIFF", WebPImageFile, ".webp"),
+    *((b"P%d" % number, PpmImageFile, ".ppm") for number in range(1, 7)),
 )
 _ORIENTATION_TAG = 0x0112
 _WIDTH_TAG, _HEIGHT_TAG = 0x0100, 0x0101
@@ -88,6 +80,11 @@ def decode_bytes(name: str, data: bytes, target: tuple[int, int] | None, *, grey
     return np.ascontiguousarray(_turn(pixels, orientation))
 
 
+def image_ending(data: bytes) -> str:
+    """Returns the usual ending of image files that begin so, such as `.jpg`; empty: the format is unknown."""
+    return next((ending for start, _, ending in _READERS if data.startswith(start)), "")
+
+
 def image_size(name: str, data: bytes) -> tuple[int, int]:
     """Returns the (H, W) of the upright picture, as its header says; errors as `decode_bytes`."""
     with _find_reader(name, data)(io.BytesIO(data)) as image:
@@ -104,7 +101,7 @@ def _find_reader(name: str, data: bytes) -> type[ImageFile.ImageFile]:
     Raises:
         ImageError: Nothing does.
     """
-    reader = next((reader for start, reader in _READERS if data.startswith(start)), None)
+    reader = next((reader for start, reader, _ in _READERS if data.startswith(start)), None)
     if reader is None:
         raise ImageError(
             f"{name} is not an image of a known format; convert it to PNG or JPEG, or move it out of the route"

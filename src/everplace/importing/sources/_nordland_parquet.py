@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from everplace.errors import MissingExtraError, RouteError
 from everplace.files import readable
+from everplace.images.formats import image_ending
 from everplace.importing.foreign_route import Encoded, ForeignFrame
 from everplace.importing.sources._nordland_names import olid_stem, season_of
 from everplace.route.natural_order import natural_sorted
@@ -23,7 +24,6 @@ _NUMBERS = ("frame_id", "frame", "number", "index", "id")
 _SECTION = re.compile("(train|test)_section([0-9]{1,6})")
 # The order of the class labels in fansel/nordland, for files that have lost their names.
 _SEASONS = ("fall", "spring", "summer", "winter")
-_STARTS = ((b"\x89PNG", ".png"), (b"\xff\xd8", ".jpg"), (b"RIFF", ".webp"), (b"BM", ".bmp"), (b"II", ".tif"))
 
 
 class _Columns(NamedTuple):
@@ -189,7 +189,7 @@ def _image(path: Path, value: Any, stem: str) -> Encoded:
     data = value.get("bytes") if isinstance(value, dict) else value
     if not isinstance(data, bytes) or not data:
         raise RouteError(f"{readable(path)} holds no image for the frame {stem}; take a copy with the images in it")
-    ending = next((ending for start, ending in _STARTS if data.startswith(start)), "")
+    ending = image_ending(data)
     if not ending:
         raise RouteError(f"{readable(path)} holds an image of no known format for the frame {stem}; fetch it again")
     return Encoded(data, ending)

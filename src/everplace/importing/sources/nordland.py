@@ -25,8 +25,8 @@ from everplace.files import readable
 from everplace.importing.containers.archive_tree import archives_in, open_trees, unread_note
 from everplace.importing.containers.file_trees import TreePath, files_below
 from everplace.importing.containers.video_frames import VIDEO_ENDINGS
-from everplace.importing.content import parse_size, resized
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.frame_pixels import parse_size, resized
 from everplace.importing.sources._nordland_names import (
     SEASONS,
     Named,

@@ -18,10 +18,11 @@ from typing import Literal
 
 from everplace.errors import RouteError
 from everplace.files import readable
+from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.containers.video_frames import ANEW, VIDEO_ENDINGS, check_video, read_video
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute
 from everplace.importing.positions.pose_track import named_by_poses, read_named_poses, read_pose_track, with_poses
-from everplace.importing.recording import Drive, RecordingOptions, list_directory, recorded_route
+from everplace.importing.recording import Drive, RecordingOptions, recorded_route
 from everplace.route.csv_table import CsvTable
 
 __all__ = ["EXTRAS", "SUMMARY", "Options", "read"]
@@ -54,7 +55,10 @@ def read(source: Path, options: Options) -> ForeignRoute:
         ConfigError: There are not as many conditions as videos.
         MissingExtraError: PyAV is not installed.
     """
-    paths = list_directory(source, VIDEO_ENDINGS) if source.is_dir() else [source]
+    paths = [source]
+    if source.is_dir():
+        files = TreePath(source).children().files
+        paths = [source / name for name in files if name.lower().endswith(tuple(VIDEO_ENDINGS))]
     if not paths:
         raise RouteError(
             f"{readable(source)} holds no video ({', '.join(sorted(VIDEO_ENDINGS))}); give a video or a directory of "
