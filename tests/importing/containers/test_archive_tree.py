@@ -131,7 +131,7 @@ def test_what_is_not_kept_is_read_again_up_to_a_limit(
     assert (tree / "list.txt").open().read() == b"0" * 100
     with pytest.raises(RouteError, match=rf"a\.{form} holds large\.txt of 1000 bytes, more than the 100"):
         (tree / "large.txt").open()
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(RouteError, match=r"cannot read .*gone\.txt: No such file"):
         (tree / "gone.txt").open()
     with pytest.raises(RouteError, match=r"gone\.png does not exist"):
         list(tree.read(["gone.png"]))

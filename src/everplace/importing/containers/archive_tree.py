@@ -9,7 +9,7 @@ import posixpath
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import IO, Literal, NamedTuple
+from typing import IO, NamedTuple
 
 from everplace.errors import RouteError
 from everplace.files import readable
@@ -116,10 +116,11 @@ class ArchivePath(TreePath):
         names = (name[len(start) :] for name in self._listing.held if name.startswith(start))
         return filter(_is_visible, names)
 
-    def open(self, mode: Literal["rb"] = "rb") -> IO[bytes]:
+    def open(self) -> IO[bytes]:
         """Gives the file's content from memory."""
         if not self.is_file():
-            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), os.fspath(self))
+            reason = os.strerror(errno.ENOENT)
+            raise RouteError(f"cannot read {readable(self)}: {reason}; check that the data set is whole")
         first, *others = map(self._listing.content, self._listing.held[self._inside])
         if any(other != first for other in others):
             raise self._listing.ambiguous(self._inside)

@@ -7,7 +7,7 @@ import posixpath
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import IO, Literal, NamedTuple, TypeAlias, TypeVar
+from typing import IO, NamedTuple, TypeVar
 
 from everplace.errors import RouteError
 from everplace.files import readable
@@ -16,7 +16,6 @@ from everplace.importing.foreign_route import Content, ForeignFrame
 from everplace.route.natural_order import natural_key, natural_sorted
 
 __all__ = [
-    "AnyPath",
     "Children",
     "TreePath",
     "by_stem",
@@ -134,14 +133,19 @@ class TreePath(os.PathLike[str]):
         """The images below it, at any depth, by their names from here; errors as `files`."""
         return tuple(filter(is_image_name, self.files()))
 
-    def open(self, mode: Literal["rb"] = "rb") -> IO[bytes]:
+    def open(self) -> IO[bytes]:
         """Opens the file, such as a list or a table.
 
         Raises:
-            OSError: It is missing or cannot be read.
-            RouteError: It lies in an archive and is too large to be held in memory, or two archives hold it.
+            RouteError: It is missing or cannot be read, or lies in an archive and is too large to be held in memory, or
+                two archives hold it.
         """
-        return self.source.open(mode)
+        try:
+            return self.source.open("rb")
+        except OSError as error:
+            raise RouteError(
+                f"cannot read {readable(self)}: {error.strerror or error}; check that the data set is whole"
+            ) from error
 
     def read(self, names: Iterable[str]) -> Iterator[tuple[str, Content]]:
         """Yields many files below it, each with its name, in an order that suits where they lie.
@@ -150,10 +154,6 @@ class TreePath(os.PathLike[str]):
             RouteError: One of them cannot be read, or two archives hold it.
         """
         return ((name, self.source / name) for name in names)
-
-
-AnyPath: TypeAlias = Path | TreePath
-"""A file that can be opened for reading."""
 
 
 def files_below(directory: Path, wanted: Callable[[str], bool], levels: int) -> Iterator[str]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.file_trees import AnyPath
+from everplace.importing.containers.file_trees import TreePath
 
 __all__ = ["read_object_array"]
 
@@ -27,7 +27,7 @@ _DEEPEST = 4
 _TYPES = re.compile("b1|[iuf][1248]|O[48]?")
 
 
-def read_object_array(path: AnyPath) -> list[Any]:
+def read_object_array(path: TreePath) -> list[Any]:
     """Reads an array of lists and numbers, of the object type or of plain numbers.
 
     Args:
@@ -40,17 +40,13 @@ def read_object_array(path: AnyPath) -> list[Any]:
         RouteError: The file is missing, damaged, or holds more than arrays, lists and numbers.
     """
     try:
-        with path.open("rb") as file:
+        with path.open() as file:
             data = file.read(_LARGEST + 1)
         if len(data) > _LARGEST:
             raise RouteError(f"{readable(path)} is larger than {_LARGEST} bytes; it is no list of matches")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # NumPy's advice to save again what Python 2 wrote
             array = _plain(_read(data), {})
-    except OSError as error:
-        raise RouteError(
-            f"cannot read {readable(path)}: {error.strerror or error}; check that the data set is whole"
-        ) from error
     except pickle.UnpicklingError as error:
         raise RouteError(f"{readable(path)} is damaged or unsafe: {_one_line(error)}; get it again") from error
     except RouteError:

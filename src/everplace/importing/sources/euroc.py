@@ -96,14 +96,13 @@ def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
 def _read_camera(camera: TreePath) -> NDArray[np.float64]:
     """Returns T_BS, 4×4."""
     path = camera / "sensor.yaml"
-    try:
-        with path.open() as file:
-            text = file.read(_LONGEST_YAML).decode("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+    if not path.is_file():
         raise RouteError(
-            f"cannot read {readable(path)}, which says how the camera is mounted ({error}); get the sequence again, or "
-            "import with --set poses=false"
-        ) from error
+            f"there is no {readable(path)}, which says how the camera is mounted; get the sequence again, or import "
+            "with --set poses=false"
+        )
+    with path.open() as file:
+        text = file.read(_LONGEST_YAML).decode("utf-8", "replace")
     match = _TRANSFORM.search(text)
     try:
         matrix = np.array([float(value) for value in match[1].split(",")]).reshape(4, 4) if match else None

@@ -12,7 +12,7 @@ from pathlib import Path
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.data_set_search import find_data_set
-from everplace.importing.containers.file_trees import AnyPath, TreePath, by_stem, read_frames
+from everplace.importing.containers.file_trees import TreePath, by_stem, read_frames
 from everplace.importing.containers.text_rows import read_rows
 from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.route.truth import TruthPair
@@ -103,7 +103,7 @@ def _side(place: TreePath, listing: str, named: list[str], pairs_file: TreePath)
     return list(known)
 
 
-def _read_hdf5(path: AnyPath) -> list[str]:
+def _read_hdf5(path: TreePath) -> list[str]:
     """Returns the names of the images in a file of features: paths of the groups that hold no more groups."""
     import h5py
 
@@ -122,10 +122,10 @@ def _read_hdf5(path: AnyPath) -> list[str]:
     return names
 
 
-def _open_hdf5(path: AnyPath):  # type: ignore[no-untyped-def]
+def _open_hdf5(path: TreePath):  # type: ignore[no-untyped-def]
     import h5py
 
-    if isinstance(path, Path) or path.is_on_disk:
+    if path.is_on_disk:
         return h5py.File(path, "r")
     with path.open() as file:
         return h5py.File(h5py.h5f.open_file_image(file.read()))

@@ -16,7 +16,7 @@ import numpy as np
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.file_trees import AnyPath, TreePath, image_names
+from everplace.importing.containers.file_trees import TreePath, image_names
 from everplace.importing.containers.text_rows import read_rows
 from everplace.importing.foreign_route import ForeignRoute
 from everplace.importing.positions.trajectory import plane_poses
@@ -97,7 +97,7 @@ def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
     return ImageSequence(name, images, images, frames, has_poses)
 
 
-def _read_poses(path: AnyPath) -> list[Pose]:
+def _read_poses(path: TreePath) -> list[Pose]:
     from scipy.spatial.transform import Rotation
 
     rows = []

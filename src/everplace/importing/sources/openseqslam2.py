@@ -15,7 +15,7 @@ from pydantic import Field
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.data_set_search import find_data_set
-from everplace.importing.containers.file_trees import AnyPath, TreePath, by_stem, image_names, read_frames
+from everplace.importing.containers.file_trees import TreePath, by_stem, image_names, read_frames
 from everplace.importing.containers.text_rows import read_rows
 from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.route.truth import TruthPair
@@ -91,7 +91,7 @@ def _list(root: TreePath, where: str) -> tuple[TreePath, list[str]]:
     return root, names
 
 
-def _read_truth(path: AnyPath, queries: int, references: int) -> dict[int, list[range]]:
+def _read_truth(path: TreePath, queries: int, references: int) -> dict[int, list[range]]:
     """Returns the positions of the references, from 0, by the position of the query."""
     truth: dict[int, list[range]] = {}
     for row in read_rows(path, ","):

@@ -15,7 +15,7 @@ from typing import Any
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.data_set_search import find_data_set
-from everplace.importing.containers.file_trees import AnyPath, by_stem, image_names, read_frames
+from everplace.importing.containers.file_trees import TreePath, by_stem, image_names, read_frames
 from everplace.importing.containers.object_npy import read_object_array
 from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.route.truth import TruthPair
@@ -74,7 +74,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     )
 
 
-def _read_truth(path: AnyPath, queries: int, references: int) -> dict[int, list[int]]:
+def _read_truth(path: TreePath, queries: int, references: int) -> dict[int, list[int]]:
     """Returns the indices of the references by the index of the query."""
     truth: dict[int, list[int]] = {}
     for number, row in enumerate(read_object_array(path)):
