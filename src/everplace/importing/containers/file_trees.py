@@ -13,6 +13,7 @@ from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.images.decoding import IMAGE_ENDINGS
 from everplace.importing.foreign_route import Content, ForeignFrame
+from everplace.route.folder import list_directory
 from everplace.route.natural_order import natural_key, natural_sorted
 
 __all__ = [
@@ -89,24 +90,7 @@ class TreePath(os.PathLike[str]):
         Raises:
             RouteError: It cannot be listed.
         """
-        at = self.source
-        kinds: dict[str, bool] = {}
-        try:
-            with os.scandir(self.source) as entries:
-                for entry in entries:
-                    if not entry.name.startswith("."):
-                        at = self.source / entry.name
-                        kinds[entry.name] = entry.is_dir()
-        except OSError as error:
-            if at.is_symlink():
-                raise RouteError(
-                    f"cannot follow the link {readable(at)}: {error.strerror or error}; remove it or mend it"
-                ) from error
-            raise RouteError(
-                f"cannot list {readable(self)}: {error.strerror or error}; check the path and its permissions"
-            ) from error
-        ordered = natural_sorted(kinds)
-        return Children([name for name in ordered if kinds[name]], [name for name in ordered if not kinds[name]])
+        return Children(*map(natural_sorted, list_directory(self.source)))
 
     def files(self) -> Iterator[str]:
         """Yields the files below it, at any depth, by their names from here; hidden ones are left out.
