@@ -10,7 +10,7 @@ from pathlib import Path
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.images.decoding import IMAGE_ENDINGS
+from everplace.images.decoding import IMAGE_ENDINGS, is_image_name
 from everplace.route.csv_table import read_poses
 from everplace.route.natural_order import natural_sorted
 from everplace.route.route_toml import ROUTE_TOML, RouteToml, TraverseToml
@@ -177,7 +177,7 @@ def _endings(directory: Path, names: list[str]) -> dict[str, str]:
 
 def _images(names: list[str]) -> list[str]:
     """Returns the names that end as an image's does, in capitals or not."""
-    return [name for name in names if name.lower().endswith(_ENDINGS)]
+    return list(filter(is_image_name, names))
 
 
 def list_directory(directory: Path) -> tuple[list[str], list[str]]:
@@ -191,17 +191,19 @@ def list_directory(directory: Path) -> tuple[list[str], list[str]]:
     """
     directories: list[str] = []
     files: list[str] = []
-    at = directory
+    last = ""
     try:
         with os.scandir(directory) as entries:
             for entry in entries:
                 if not entry.name.startswith("."):
-                    at = directory / entry.name
-                    (directories if entry.is_dir() else files).append(entry.name)
+                    last = entry.name
+                    (directories if entry.is_dir() else files).append(last)
     except OSError as error:
         reason = error.strerror or error
-        if at.is_symlink():
-            raise RouteError(f"cannot follow the link {readable(at)}: {reason}; remove it or mend it") from error
+        if (directory / last).is_symlink():
+            raise RouteError(
+                f"cannot follow the link {readable(directory / last)}: {reason}; remove it or mend it"
+            ) from error
         raise RouteError(f"cannot list {readable(directory)}: {reason}; check the path and its permissions") from error
     return directories, files
 

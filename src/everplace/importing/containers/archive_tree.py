@@ -13,7 +13,7 @@ from typing import IO, NamedTuple
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.images.decoding import IMAGE_ENDINGS
+from everplace.images.decoding import IMAGE_ENDINGS, is_image_name
 from everplace.importing.containers.archives import (
     Member,
     archive_label,
@@ -21,7 +21,7 @@ from everplace.importing.containers.archives import (
     read_members,
     scan_members,
 )
-from everplace.importing.containers.file_trees import Children, TreePath, files_below, is_image_name
+from everplace.importing.containers.file_trees import Children, TreePath, files_below
 from everplace.importing.foreign_route import Content, Encoded
 from everplace.route.natural_order import natural_sorted
 

@@ -11,7 +11,7 @@ from typing import IO, NamedTuple, TypeVar
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.images.decoding import IMAGE_ENDINGS
+from everplace.images.decoding import IMAGE_ENDINGS, is_image_name
 from everplace.importing.foreign_route import Content, ForeignFrame
 from everplace.route.folder import list_directory
 from everplace.route.natural_order import natural_key, natural_sorted
@@ -22,7 +22,6 @@ __all__ = [
     "by_stem",
     "files_below",
     "image_names",
-    "is_image_name",
     "read_files",
     "read_frames",
     "stem_of",
@@ -156,11 +155,6 @@ def files_below(directory: Path, wanted: Callable[[str], bool], levels: int) -> 
     if levels:
         for below in directories:
             yield from (f"{below}/{name}" for name in files_below(directory / below, wanted, levels - 1))
-
-
-def is_image_name(name: str) -> bool:
-    """Says whether a file's name ends as an image's does, in capitals or not."""
-    return name.lower().endswith(_ENDINGS)
 
 
 def image_names(directory: TreePath) -> list[str]:

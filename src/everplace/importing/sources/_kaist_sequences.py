@@ -14,8 +14,8 @@ from PIL.TiffImagePlugin import TiffImageFile
 
 from everplace.errors import ConfigError, ImageError, RouteError
 from everplace.files import readable
-from everplace.images.decoding import BROKEN_IMAGE_ERRORS, MAX_PIXELS, read_image_bytes
-from everplace.importing.containers.file_trees import TreePath, by_stem, is_image_name
+from everplace.images.decoding import BROKEN_IMAGE_ERRORS, MAX_PIXELS, is_image_name, read_image_bytes
+from everplace.importing.containers.file_trees import TreePath, by_stem
 from everplace.importing.containers.seq import open_seq
 from everplace.importing.foreign_route import Content
 from everplace.route.natural_order import natural_sorted

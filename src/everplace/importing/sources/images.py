@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.file_trees import TreePath, is_image_name
+from everplace.images.decoding import is_image_name
+from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute
 from everplace.importing.positions.pose_track import PoseTrack, read_pose_track, with_poses
 from everplace.importing.recording import Drive, RecordingOptions, recorded_route

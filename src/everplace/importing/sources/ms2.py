@@ -22,8 +22,9 @@ from pydantic import Field
 
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
+from everplace.images.decoding import is_image_name
 from everplace.importing.containers.data_set_search import find_data_set
-from everplace.importing.containers.file_trees import TreePath, by_stem, is_image_name, read_files
+from everplace.importing.containers.file_trees import TreePath, by_stem, read_files
 from everplace.importing.foreign_route import (
     Content,
     Encoded,
