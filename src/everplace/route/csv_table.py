@@ -80,6 +80,8 @@ class CsvTable:
         self._remedy = remedy
         with self._lines() as lines:
             self.columns = [name.strip() for name in next(lines, [])]
+        while self.columns and not self.columns[-1]:
+            self.columns.pop()
         absent = [name for name in wanted if name not in self.columns]
         if absent:
             raise RouteError(
@@ -91,7 +93,7 @@ class CsvTable:
 
         Raises:
             RouteError: The file is malformed, or a row has more or fewer cells than the first line; empty ones at its
-                end are no cells too many.
+                end count as none.
         """
         count = len(self.columns)
         places = {name: self.columns.index(name) for name in self.columns}
