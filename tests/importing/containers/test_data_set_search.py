@@ -10,7 +10,7 @@ from tests.importing.packing import pack_files
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.data_set_search import find_data_set, find_places
+from everplace.importing.containers.data_set_search import find_data_set, find_directories
 from everplace.importing.containers.file_trees import TreePath
 
 
@@ -19,7 +19,7 @@ def is_set(place: TreePath) -> bool:
 
 
 def found(source: Path, *, apart: bool = False) -> list[str]:
-    return [os.path.relpath(place, source) for place in find_places(source, is_set, apart=apart).found]
+    return [os.path.relpath(place, source) for place in find_directories(source, is_set, apart=apart).found]
 
 
 def write(root: Path, *names: str) -> None:
@@ -55,29 +55,29 @@ def test_archives_of_a_directory_are_unpacked_together_or_apart(tmp_path: Path) 
     assert len(found(tmp_path / "sub")) == 1
     pack_files(tmp_path / "none.zip", [("readme.txt", b"")])
     write(tmp_path, "unpacked/list.txt")
-    places = find_places(tmp_path, is_set, apart=True)
+    places = find_directories(tmp_path, is_set, apart=True)
     assert [place.name for place in places.found] == ["unpacked", "set", "set", "set"]
     assert places.notes == [f"{tmp_path / 'none.zip'} holds no sequence."]
 
 
 def test_what_is_not_read_is_said(tmp_path: Path) -> None:
     write(tmp_path, "a/list.txt", "a/junk/old.zip", "more.tgz")
-    places = find_places(tmp_path, is_set)
+    places = find_directories(tmp_path, is_set)
     assert [place.name for place in places.found] == ["a"]
     assert len(places.notes) == 1
     assert "Not read" in places.notes[0]
     assert {"old.zip", "more.tgz"} <= {Path(word.strip(",.")).name for word in places.notes[0].split()}
     nested = pack_files(tmp_path / "n.zip", [("list.txt", b""), ("b/x.txt", b"")])
-    assert find_places(nested, is_set).notes == []
+    assert find_directories(nested, is_set).notes == []
     nested = pack_files(tmp_path / "n.zip", [("a/list.txt", b""), ("b/more.zip", b"")])
-    assert "n.zip/b/more.zip" in find_places(nested, is_set).notes[0]
+    assert "n.zip/b/more.zip" in find_directories(nested, is_set).notes[0]
 
 
 def test_pipes_and_directories_called_like_archives_are_none(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "p.tar")
     write(tmp_path, "d.zip/list.txt")
     assert found(tmp_path, apart=True) == ["d.zip"]
-    assert find_places(tmp_path, is_set).notes == []
+    assert find_directories(tmp_path, is_set).notes == []
 
 
 def test_one_data_set_is_wanted(tmp_path: Path) -> None:

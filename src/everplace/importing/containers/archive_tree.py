@@ -29,7 +29,6 @@ __all__ = ["ArchivePath", "archives_in", "is_archive", "open_trees", "unread_not
 
 # Lists and tables of an archive are met while it is listed: up to here they are kept, so that a compressed one need
 # not be read once more for each.
-_SMALL = 2**22
 _MOST_KEPT = 2**26
 _LONGEST_CHAIN = 8
 # What macOS adds to a zip.
@@ -240,7 +239,7 @@ class _Listing:
                 )
 
     def _is_worth_keeping(self, member: Member) -> bool:
-        return member.size <= min(_SMALL, self._room) and _is_visible(member.name) and not is_image_name(member.name)
+        return member.size <= self._room and _is_visible(member.name) and not is_image_name(member.name)
 
 
 def is_archive(path: Path) -> bool:

@@ -14,13 +14,13 @@ from everplace.importing.containers.archive_tree import ArchivePath, archives_in
 from everplace.importing.containers.archives import is_archive_name
 from everplace.importing.containers.file_trees import TreePath
 
-__all__ = ["Places", "find_data_set", "find_places"]
+__all__ = ["FoundDirectories", "find_data_set", "find_directories"]
 
 # A data set may lie in a directory of the archive, and that in another; KITTI's sequences lie two levels below.
 _DEEPEST = 4
 
 
-class Places(NamedTuple):
+class FoundDirectories(NamedTuple):
     """What was found in a source.
 
     Attributes:
@@ -40,7 +40,7 @@ class _Search(NamedTuple):
     closed: list[RouteError]
 
 
-def find_places(source: Path, wanted: Callable[[TreePath], bool], *, apart: bool = False) -> Places:
+def find_directories(source: Path, wanted: Callable[[TreePath], bool], *, apart: bool = False) -> FoundDirectories:
     """Finds directories of a kind in what the user gave, down to the fourth level.
 
     Each branch is searched until one is found; what lies below that belongs to it. A directory on the disk is entered
@@ -60,7 +60,7 @@ def find_places(source: Path, wanted: Callable[[TreePath], bool], *, apart: bool
             problem = "is neither a directory nor a tar or zip archive" if source.exists() else "does not exist"
             raise RouteError(f"{readable(source)} {problem}; give the data set's directory, or its archive")
         found, nested, _ = _search(ArchivePath(source), wanted)
-        return Places(found, unread_note(nested.values()) if found else [])
+        return FoundDirectories(found, unread_note(nested.values()) if found else [])
     found, archives, closed = _search(TreePath(source), wanted)
     notes = []
     unread = [archive for place in found for archive in _archives_below(place, closed)]
@@ -80,13 +80,13 @@ def find_places(source: Path, wanted: Callable[[TreePath], bool], *, apart: bool
     if closed and not found:
         raise closed[0]
     notes += [f"A directory was not searched: {error}." for error in closed]
-    return Places(found, unread_note(unread) + notes)
+    return FoundDirectories(found, unread_note(unread) + notes)
 
 
 def find_data_set(
     source: Path, wanted: Callable[[TreePath], bool], what: str, *, preferred: str = ""
 ) -> tuple[TreePath, list[str]]:
-    """Finds the one data set in what the user gave; see `find_places`.
+    """Finds the one data set in what the user gave; see `find_directories`.
 
     Args:
         source: A directory or an archive.
@@ -98,9 +98,9 @@ def find_data_set(
         Where it is, or the top of the source if it is nowhere; and sentences that say what was not read.
 
     Raises:
-        RouteError: There are several, or as for `find_places`.
+        RouteError: There are several, or as for `find_directories`.
     """
-    places = find_places(source, wanted)
+    places = find_directories(source, wanted)
     found = [place for place in places.found if place.name == preferred] or places.found
     if len(found) > 1:
         remedy = "give one of them" if found[0].is_on_disk else "unpack the archive and give one of them"

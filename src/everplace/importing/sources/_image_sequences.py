@@ -13,7 +13,7 @@ from pydantic import Field
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.data_set_search import Places, find_places
+from everplace.importing.containers.data_set_search import FoundDirectories, find_directories
 from everplace.importing.containers.file_trees import TreePath, read_files
 from everplace.importing.containers.text_rows import TextRow, read_rows
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
@@ -90,20 +90,22 @@ class ImageSequence:
     has_poses: bool
 
 
-def find_sequences(source: Path, is_sequence: Callable[[TreePath], bool], what: str, *, apart: bool = False) -> Places:
+def find_sequences(
+    source: Path, is_sequence: Callable[[TreePath], bool], what: str, *, apart: bool = False
+) -> FoundDirectories:
     """Returns the source if it is a sequence, else the sequences below it, in natural order of their names.
 
     Args:
         source: What the user gave.
         is_sequence: Says of a directory whether it is one.
         what: What a sequence must hold, for the message.
-        apart: Each archive of a directory is a sequence of its own; see `find_places`.
+        apart: Each archive of a directory is a sequence of its own; see `find_directories`.
 
     Raises:
         RouteError: There is none, two have the same name (what is unpacked counts before its archive), or an archive is
             damaged.
     """
-    found, notes = find_places(source, is_sequence, apart=apart)
+    found, notes = find_directories(source, is_sequence, apart=apart)
     if not found:
         raise RouteError(
             f"neither {readable(source)} nor a directory in it holds {what}; give a sequence or the directory above "
@@ -119,7 +121,7 @@ def find_sequences(source: Path, is_sequence: Callable[[TreePath], bool], what: 
                 f"{readable(other)} and {readable(place)} would both be the sequence {readable(place.name)}; keep one "
                 "of them, or rename it"
             )
-    return Places([named[name] for name in natural_sorted(named)], notes)
+    return FoundDirectories([named[name] for name in natural_sorted(named)], notes)
 
 
 def read_trajectory(

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.data_set_search import find_places
+from everplace.importing.containers.data_set_search import find_directories
 from everplace.importing.containers.file_trees import TreePath, read_frames
 from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.route.natural_order import natural_sorted
@@ -50,7 +50,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         RouteError: None of the three directories is there, one is there twice, a file's name holds no number or two, or
             an archive is damaged.
     """
-    places, unread = find_places(source, lambda place: bool(_traverse(place.name)) and bool(place.images))
+    places, unread = find_directories(source, lambda place: bool(_traverse(place.name)) and bool(place.images))
     if not places:
         raise RouteError(
             f"{readable(source)} holds none of {', '.join(_TRAVERSES)}; give the directory or archive that does"
