@@ -43,6 +43,16 @@ _READERS: tuple[tuple[bytes, type[ImageFile.ImageFile], str], ...] = (
 _ORIENTATION_TAG = 0x0112
 _WIDTH_TAG, _HEIGHT_TAG = 0x0100, 0x0101
 _ON_ITS_SIDE = frozenset({5, 6, 7, 8})
+# What each EXIF orientation asks for; 1 and anything else is upright.
+_TURNS = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
 
 
 def decode_bytes(name: str, data: bytes, target: tuple[int, int] | None, *, grey: bool) -> NDArray[np.uint8]:
@@ -76,8 +86,9 @@ def decode_bytes(name: str, data: bytes, target: tuple[int, int] | None, *, grey
         image.load()
         orientation = image.getexif().get(_ORIENTATION_TAG, 1)
         plain = _to_8_bit(name, image).convert("L" if grey else "RGB")
-        pixels = np.array(plain).reshape(plain.height, plain.width, 1 if grey else 3)
-    return np.ascontiguousarray(_turn(pixels, orientation))
+        if orientation in _TURNS:
+            plain = plain.transpose(_TURNS[orientation])
+        return np.array(plain).reshape(plain.height, plain.width, 1 if grey else 3)
 
 
 def image_ending(data: bytes) -> str:
@@ -145,24 +156,3 @@ def _to_8_bit(name: str, image: Image.Image) -> Image.Image:
         black.paste(transparent, mask=transparent.getchannel("A"))
         return black
     return image.convert("RGB")
-
-
-def _turn(pixels: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
-    """Applies an EXIF orientation (1 to 8; anything else is upright) to H×W×C."""
-    match orientation:
-        case 2:
-            return pixels[:, ::-1]
-        case 3:
-            return pixels[::-1, ::-1]
-        case 4:
-            return pixels[::-1]
-        case 5:
-            return pixels.swapaxes(0, 1)
-        case 6:
-            return np.rot90(pixels, -1)
-        case 7:
-            return np.rot90(pixels, 2).swapaxes(0, 1)
-        case 8:
-            return np.rot90(pixels)
-        case _:
-            return pixels

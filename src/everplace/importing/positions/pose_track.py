@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +17,6 @@ from everplace.importing.recording import RecordingOptions
 from everplace.route.csv_table import CsvTable
 from everplace.route.natural_order import natural_sorted
 from everplace.route.traverse import Pose
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 __all__ = [
     "BODY_AXIS",
@@ -60,7 +56,11 @@ class PoseTrack:
 
 def planar_track(origin: str, seconds: NDArray[np.float64], poses: NDArray[np.float64]) -> PoseTrack:
     """Makes a track of N times and N×3 poses x, y, heading; N is at least 1."""
-    return PoseTrack(origin, Trajectory.of(seconds.tolist(), _in_space(poses).tolist(), _turned(poses[:, 2])))
+    from scipy.spatial.transform import Rotation
+
+    positions = np.column_stack([poses[:, :2], np.zeros(len(poses))])
+    turns = Rotation.from_euler("z", poses[:, 2:])
+    return PoseTrack(origin, Trajectory.of(seconds.tolist(), positions.tolist(), turns))
 
 
 def with_poses(
@@ -159,13 +159,3 @@ def named_by_poses(frames: Iterator[ForeignFrame], poses: dict[str, Pose], path:
             f"{readable(path)} has {len(poses)} rows, but there are only {count} frames; give a row for each frame, "
             "or a column seconds instead of stem"
         )
-
-
-def _in_space(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.column_stack([poses[:, :2], np.zeros(len(poses))])
-
-
-def _turned(headings: NDArray[np.float64]) -> Rotation:
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_euler("z", headings[:, np.newaxis])
