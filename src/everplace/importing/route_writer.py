@@ -151,20 +151,11 @@ class _Table:
 
 
 def reading(items: Iterator[Any], source: Path) -> Iterator[Any]:
-    """Passes on what a source gives; a failure of its disk is not one of ours. Closes it in the end."""
+    """Passes on what a source gives; a failure of its disk is not one of ours."""
     try:
-        while True:
-            try:
-                item = next(items)
-            except StopIteration:
-                return
-            except OSError as error:
-                raise unreadable(error, source) from error
-            yield item
-    finally:
-        close = getattr(items, "close", None)
-        if close is not None:
-            close()
+        yield from items
+    except OSError as error:
+        raise unreadable(error, source) from error
 
 
 def unreadable(error: OSError, source: Path) -> RouteError:
