@@ -74,7 +74,7 @@ def _read(data: bytes) -> _Array:
     # A pickle that names a length or a place in the memo beyond its own size would cost memory. For lengths `genops`
     # raises ValueError.
     for opcode, argument, _ in pickletools.genops(content):
-        if "PUT" in opcode.name and int(argument or 0) > len(content):
+        if "PUT" in opcode.name and int(argument or 0) > len(data):
             raise pickle.UnpicklingError("it wants to remember more values than it holds")
     array = _Unpickler(io.BytesIO(content), encoding="latin1").load()  # what Python 2 wrote as str is bytes
     if not isinstance(array, _Array):
