@@ -27,8 +27,8 @@ from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, RouteError
 from everplace.render.render_config import RenderConfig
 from everplace.render.rendered_route import render_route
+from everplace.route.csv_table import read_times
 from everplace.route.route import open_route
-from everplace.route.times import read_times
 
 PLACES = 48
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import random
+from fractions import Fraction
 
 import pytest
 from hypothesis import given, settings
@@ -8,7 +9,7 @@ from hypothesis import strategies as st
 
 from everplace.route.natural_order import natural_key, natural_sorted
 
-stems = st.lists(st.text("019ab-²é", min_size=1, max_size=6), unique=True, max_size=12)
+stems = st.lists(st.text("019ab-.²é", min_size=1, max_size=6), unique=True, max_size=12)
 alike = st.lists(st.integers(0, 3000), unique=True, max_size=12)
 
 
@@ -29,6 +30,13 @@ alike = st.lists(st.integers(0, 3000), unique=True, max_size=12)
         ["cam1-9", "cam1-10", "cam1-100"],
         ["9.left", "10.left"],
         ["1\n", "2\n", "10\n"],
+        ["1305031110.0", "1305031110.125", "1305031110.25", "1305031110.5"],
+        ["9.75", "10", "10.0", "10.00", "10.25", "10.5", "11"],
+        ["7.9", "7.95", "8.1", "8.15", "12.05"],
+        ["0.00000000000000000001", "0.00000000000000000011", "0.1"],
+        ["1.5", "1.25.left"],
+        ["v1.9", "v1.10"],
+        ["1.2.9", "1.2.10"],
     ],
 )
 def test_known_orders(ordered: list[str]) -> None:
@@ -46,6 +54,14 @@ def test_order_is_total_and_the_short_cuts_agree_with_the_key(names: list[str], 
     rng.shuffle(shuffled)
     assert natural_sorted(shuffled) == expected
     assert len({natural_key(name) for name in names}) == len(names)
+
+
+@given(st.lists(st.from_regex(r"[0-9]{1,3}\.[0-9]{1,25}", fullmatch=True), unique=True, max_size=12), st.randoms())
+@settings(max_examples=200, deadline=None)
+def test_decimal_numbers_are_in_the_order_of_numbers(names: list[str], rng: random.Random) -> None:
+    rng.shuffle(names)
+    numbers = [Fraction(name) for name in natural_sorted(names)]
+    assert numbers == sorted(numbers)
 
 
 @given(alike, st.sampled_from(["", "frame-", "a1b"]), st.sampled_from(["", "_left", "-2"]), st.booleans())

@@ -154,7 +154,8 @@ def test_columns_in_any_order_and_pairs_within_one_traverse(tmp_path: Path) -> N
     [
         ("", "lacks the column 'query_traverse'"),
         ("query_traverse,query,database_traverse\n", "lacks the column 'database'"),
-        (HEADER + "q,a\n", "row 2 must hold query_traverse, query"),
+        (HEADER + "q,a\n", "row 2 has 2 cells, but the first line names 4 columns"),
+        (HEADER + "q,a,d,x,0\n", "row 2 has 5 cells, but the first line names 4 columns"),
         (HEADER + "q,a,d,x\nq,n,d,x\n", "row 3 names the frame 'n', which the traverse 'q' does not have"),
         (HEADER + "q,a,d,n\n", "row 2 names the frame 'n', which the traverse 'd' does not have"),
         (HEADER + "q,a,e,x\n", "names the traverse 'e', which the route does not have; there are: q, d"),

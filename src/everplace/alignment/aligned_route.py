@@ -13,9 +13,9 @@ from everplace.files import readable
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse
 from everplace.importing.import_route import ImportSummary, write_route
 from everplace.progress import Progress, quiet
+from everplace.route.csv_table import read_times
 from everplace.route.folder import TIMES_CSV
 from everplace.route.route import Traverse
-from everplace.route.times import read_times
 from everplace.route.truth import TruthPair, TruthTable
 
 __all__ = ["ALIGNMENT_CSV", "write_aligned"]

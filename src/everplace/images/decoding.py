@@ -37,6 +37,7 @@ __all__ = [
     "decode_encoded",
     "decode_image",
     "decode_images",
+    "is_image_name",
     "map_ahead",
     "read_image_bytes",
     "resize_image",
@@ -48,6 +49,8 @@ R = TypeVar("R")
 
 IMAGE_ENDINGS = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 """Endings (lower case) by which a file in a traverse counts as a frame."""
+
+_ENDINGS = tuple(sorted(IMAGE_ENDINGS))
 
 BROKEN_IMAGE_ERRORS = (
     OSError,
@@ -199,6 +202,11 @@ def map_ahead(function: Callable[[T], R], items: Iterable[T], *, threads: int | 
             yield ahead.popleft().result()
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def is_image_name(name: str) -> bool:
+    """Says whether a file's name ends as an image's does, in capitals or not."""
+    return name.lower().endswith(_ENDINGS)
 
 
 def read_image_bytes(path: Path) -> bytes:

@@ -24,7 +24,7 @@ from PIL.WebPImagePlugin import WebPImageFile
 
 from everplace.errors import ImageError
 
-__all__ = ["MAX_PIXELS", "decode_bytes", "image_size"]
+__all__ = ["MAX_PIXELS", "decode_bytes", "image_ending", "image_size"]
 
 MAX_PIXELS = 2**26
 """Largest picture that is decoded: 8192×8192 pixels; checked in the header, before memory is taken."""
@@ -32,25 +32,27 @@ MAX_PIXELS = 2**26
 # The readers are called by the first bytes, not through Image.open: that one warns about large pictures on
 # stderr before our own limit is asked, and tries every format it knows, some of which start other programs
 # (EPS: Ghostscript).
-_READERS: tuple[tuple[bytes, type[ImageFile.ImageFile]], ...] = (
-    (b"\xff\xd8", JpegImageFile),
-    (b"\x89PNG\r\n\x1a\n", PngImageFile),
-    (b"BM", BmpImageFile),
-    (b"II*\0", TiffImageFile),
-    (b"II+\0", TiffImageFile),
-    (b"MM\0*", TiffImageFile),
-    (b"MM\0+", TiffImageFile),
-    (b"RIFF", WebPImageFile),
-    (b"P1", PpmImageFile),
-    (b"P2", PpmImageFile),
-    (b"P3", PpmImageFile),
-    (b"P4", PpmImageFile),
-    (b"P5", PpmImageFile),
-    (b"P6", PpmImageFile),
+_READERS: tuple[tuple[bytes, type[ImageFile.ImageFile], str], ...] = (
+    (b"\xff\xd8", JpegImageFile, ".jpg"),
+    (b"\x89PNG\r\n\x1a\n", PngImageFile, ".png"),
+    (b"BM", BmpImageFile, ".bmp"),
+    *((start, TiffImageFile, ".tiff") for start in (b"II*\0", b"II+\0", b"MM\0*", b"MM\0+")),
+    (b"RIFF", WebPImageFile, ".webp"),
+    *((b"P%d" % number, PpmImageFile, ".ppm") for number in range(1, 7)),
 )
 _ORIENTATION_TAG = 0x0112
 _WIDTH_TAG, _HEIGHT_TAG = 0x0100, 0x0101
 _ON_ITS_SIDE = frozenset({5, 6, 7, 8})
+# What each EXIF orientation asks for; 1 and anything else is upright.
+_TURNS = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
 
 
 def decode_bytes(name: str, data: bytes, target: tuple[int, int] | None, *, grey: bool) -> NDArray[np.uint8]:
@@ -84,8 +86,14 @@ def decode_bytes(name: str, data: bytes, target: tuple[int, int] | None, *, grey
         image.load()
         orientation = image.getexif().get(_ORIENTATION_TAG, 1)
         plain = _to_8_bit(name, image).convert("L" if grey else "RGB")
-        pixels = np.array(plain).reshape(plain.height, plain.width, 1 if grey else 3)
-    return np.ascontiguousarray(_turn(pixels, orientation))
+        if orientation in _TURNS:
+            plain = plain.transpose(_TURNS[orientation])
+        return np.array(plain).reshape(plain.height, plain.width, 1 if grey else 3)
+
+
+def image_ending(data: bytes) -> str:
+    """Returns the usual ending of image files that begin so, such as `.jpg`; empty: the format is unknown."""
+    return next((ending for start, _, ending in _READERS if data.startswith(start)), "")
 
 
 def image_size(name: str, data: bytes) -> tuple[int, int]:
@@ -104,7 +112,7 @@ def _find_reader(name: str, data: bytes) -> type[ImageFile.ImageFile]:
     Raises:
         ImageError: Nothing does.
     """
-    reader = next((reader for start, reader in _READERS if data.startswith(start)), None)
+    reader = next((reader for start, reader, _ in _READERS if data.startswith(start)), None)
     if reader is None:
         raise ImageError(
             f"{name} is not an image of a known format; convert it to PNG or JPEG, or move it out of the route"
@@ -148,24 +156,3 @@ def _to_8_bit(name: str, image: Image.Image) -> Image.Image:
         black.paste(transparent, mask=transparent.getchannel("A"))
         return black
     return image.convert("RGB")
-
-
-def _turn(pixels: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
-    """Applies an EXIF orientation (1 to 8; anything else is upright) to H×W×C."""
-    match orientation:
-        case 2:
-            return pixels[:, ::-1]
-        case 3:
-            return pixels[::-1, ::-1]
-        case 4:
-            return pixels[::-1]
-        case 5:
-            return pixels.swapaxes(0, 1)
-        case 6:
-            return np.rot90(pixels, -1)
-        case 7:
-            return np.rot90(pixels, 2).swapaxes(0, 1)
-        case 8:
-            return np.rot90(pixels)
-        case _:
-            return pixels

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from everplace.errors import ConfigError, RouteError
+from everplace.errors import ConfigError
 from everplace.files import readable
-from everplace.importing.content import parse_size, resized
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.frame_pixels import parse_size, resized
 from everplace.importing.sampling import sample_by_change, sample_by_distance, sample_by_number, sample_by_time
-from everplace.route.natural_order import natural_key
 
-__all__ = ["Drive", "RecordingOptions", "list_directories", "list_directory", "recorded_route"]
+__all__ = ["Drive", "RecordingOptions", "recorded_route"]
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -114,34 +113,6 @@ def recorded_route(
         notes=tuple(notes),
         aligned=aligned,
     )
-
-
-def list_directory(directory: Path, endings: Collection[str]) -> list[Path]:
-    """Returns the files with one of these endings (lower case), in natural order; hidden ones are left out.
-
-    Raises:
-        RouteError: The directory cannot be listed.
-    """
-    return [path for path in _listed(directory) if path.suffix.lower() in endings and not path.is_dir()]
-
-
-def list_directories(directory: Path) -> list[Path]:
-    """Returns the directories in a directory, in natural order; hidden ones are left out.
-
-    Raises:
-        RouteError: The directory cannot be listed.
-    """
-    return [path for path in _listed(directory) if path.is_dir()]
-
-
-def _listed(directory: Path) -> list[Path]:
-    try:
-        paths = [path for path in directory.iterdir() if not path.name.startswith(".")]
-    except OSError as error:
-        raise RouteError(
-            f"cannot list {readable(directory)}: {error.strerror or error}; check its permissions"
-        ) from error
-    return sorted(paths, key=lambda path: natural_key(path.name))
 
 
 def _kept_frames(drive: Drive, options: RecordingOptions) -> Iterator[ForeignFrame]:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
-import io
 import stat
+from array import array
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from everplace.images.decoding import IMAGE_ENDINGS, read_image_bytes
 from everplace.importing.foreign_route import Content, Encoded, ForeignFrame, ForeignTraverse
 from everplace.progress import Progress
 from everplace.route.folder import POSES_CSV, TIMES_CSV
-from everplace.route.natural_order import natural_key
+from everplace.route.natural_order import natural_sorted
 from everplace.route.truth import TruthPair
 
 __all__ = ["RouteWriter", "reading", "unreadable"]
@@ -56,20 +55,19 @@ class RouteWriter:
         directory = self._directory / name
         directory.mkdir()
         stems: set[str] = set()
-        with (
-            contextlib.closing(_Table(directory / POSES_CSV, ("stem", "x", "y", "heading"))) as poses,
-            contextlib.closing(_Table(directory / TIMES_CSV, ("stem", "seconds"))) as times,
-        ):
-            frames = reading(traverse.frames, source)
-            for frame in progress(frames, f"importing {name}", traverse.count):
-                where = f"the frame {frame.stem!r} of the traverse {name!r}"
-                if frame.stem in stems:
-                    raise RouteError(f"{readable(source)} gives {where} twice; keep one of the two")
-                self._write_frame(directory, frame, source, where)
-                poses.add(frame.stem, frame.pose, len(stems), f"{where} of {readable(source)}", "pose")
-                seconds = None if frame.seconds is None else (frame.seconds,)
-                times.add(frame.stem, seconds, len(stems), f"{where} of {readable(source)}", "time")
-                stems.add(frame.stem)
+        poses = _Table("pose", ("x", "y", "heading"))
+        times = _Table("time", ("seconds",))
+        for frame in progress(reading(traverse.frames, source), f"importing {name}", traverse.count):
+            where = f"the frame {frame.stem!r} of the traverse {name!r}"
+            if frame.stem in stems:
+                raise RouteError(f"{readable(source)} gives {where} twice; keep one of the two")
+            self._write_frame(directory, frame, source, where)
+            where = f"{where} of {readable(source)}"
+            poses.add(frame.stem, frame.pose, len(stems), where)
+            times.add(frame.stem, None if frame.seconds is None else (frame.seconds,), len(stems), where)
+            stems.add(frame.stem)
+        poses.write(directory / POSES_CSV)
+        times.write(directory / TIMES_CSV)
         if not stems:
             raise RouteError(f"the traverse {name!r} of {readable(source)} has no frame; leave it out")
         self._stems[name] = stems
@@ -119,63 +117,45 @@ class RouteWriter:
 
 
 class _Table:
-    """A CSV file of numbers by stem, which exists once a frame has some.
+    """Numbers of the frames of a traverse: all of them have some, or none has."""
 
-    Its rows are in natural order in the end, as the frames of a route are: an archive gives them in its own.
-    """
+    def __init__(self, what: str, columns: tuple[str, ...]) -> None:
+        self._what, self._columns = what, columns
+        self._stems: list[str] = []
+        self._values = array("d")
 
-    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
-        self._path, self._columns = path, columns
-        self._file: io.TextIOWrapper | None = None
-        self._last = natural_key("")
-        self._ordered = True
-
-    def add(self, stem: str, values: tuple[float, ...] | None, before: int, where: str, what: str) -> None:
-        """Adds a frame, the `before`-th of its traverse, or checks that none before had values either."""
-        if (values is None) == (self._file is not None) and before:
+    def add(self, stem: str, values: tuple[float, ...] | None, before: int, where: str) -> None:
+        """Adds a frame, the `before`-th of its traverse."""
+        if before and (values is None) == bool(self._stems):
             raise RouteError(
-                f"{where} has {'no' if values is None else 'a'} {what}, unlike those before it; give all frames "
-                f"of a traverse a {what}, or none"
+                f"{where} has {'no' if values is None else 'a'} {self._what}, unlike those before it; give all frames "
+                f"of a traverse a {self._what}, or none"
             )
         if values is None:
             return
         if not np.isfinite(values).all():
-            raise RouteError(f"the {what} of {where} is not finite; correct it or leave the frame out")
-        if self._file is None:
-            self._file = self._path.open("w", encoding="utf-8", newline="")
-            csv.writer(self._file).writerow(self._columns)
-        csv.writer(self._file).writerow([stem, *map(repr, map(float, values))])
-        before_it, self._last = self._last, natural_key(stem)
-        self._ordered = self._ordered and before_it <= self._last
+            raise RouteError(f"the {self._what} of {where} is not finite; correct it or leave the frame out")
+        self._stems.append(stem)
+        self._values.extend(values)
 
-    def close(self) -> None:
-        """Closes the file, if there is one."""
-        if self._file is None:
+    def write(self, path: Path) -> None:
+        """Writes a CSV file, if there are numbers, in the order of a route: an archive gives frames in its own."""
+        if not self._stems:
             return
-        self._file.close()
-        if not self._ordered:
-            with self._path.open(encoding="utf-8", newline="") as file:
-                header, *rows = csv.reader(file)
-            rows.sort(key=lambda row: natural_key(row[0]))
-            with self._path.open("w", encoding="utf-8", newline="") as file:
-                csv.writer(file).writerows([header, *rows])
+        row = {stem: index for index, stem in enumerate(self._stems)}
+        values = np.frombuffer(self._values).reshape(-1, len(self._columns))
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(("stem", *self._columns))
+            writer.writerows([stem, *map(repr, values[row[stem]].tolist())] for stem in natural_sorted(self._stems))
 
 
 def reading(items: Iterator[Any], source: Path) -> Iterator[Any]:
-    """Passes on what a source gives; a failure of its disk is not one of ours. Closes it in the end."""
+    """Passes on what a source gives; a failure of its disk is not one of ours."""
     try:
-        while True:
-            try:
-                item = next(items)
-            except StopIteration:
-                return
-            except OSError as error:
-                raise unreadable(error, source) from error
-            yield item
-    finally:
-        close = getattr(items, "close", None)
-        if close is not None:
-            close()
+        yield from items
+    except OSError as error:
+        raise unreadable(error, source) from error
 
 
 def unreadable(error: OSError, source: Path) -> RouteError:

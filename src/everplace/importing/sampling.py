@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from everplace.errors import ConfigError
-from everplace.importing.content import decode_content
 from everplace.importing.foreign_route import ForeignFrame
+from everplace.importing.frame_pixels import decode_content
 from everplace.route.selection import FILTER_IMAGE, stationary_places
 
 __all__ = ["TIME_ROUNDING", "sample_by_change", "sample_by_distance", "sample_by_number", "sample_by_time"]

@@ -1,10 +1,11 @@
-"""CSV files that give numbers by name: poses, times."""
+"""CSV tables: the one reader of all that the program reads, and the poses and times of frames in them."""
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from everplace.errors import RouteError
 from everplace.files import readable
 
-__all__ = ["TableRow", "read_columns", "read_frames", "read_table"]
+__all__ = ["CsvTable", "TableRow", "read_poses", "read_times"]
 
 
 class TableRow(NamedTuple):
@@ -23,118 +24,154 @@ class TableRow(NamedTuple):
     Attributes:
         path: The file.
         number: The row, counted from 1 with the header.
-        key: What the key's column says.
-        numbers: The finite numbers of the other columns.
+        cells: What stands in it, by column.
     """
 
     path: Path
     number: int
-    key: str
-    numbers: tuple[float, ...]
+    cells: Mapping[str, str]
 
     def wrong(self, what: str) -> RouteError:
         """Returns an error that names the file and the row."""
         return RouteError(f"{readable(self.path)}, row {self.number} {what}")
 
+    def floats(
+        self, columns: Sequence[str], what: str, remedy: str = "correct it or leave the frame out"
+    ) -> list[float]:
+        """Reads finite numbers.
 
-def read_table(path: Path, key: str, numbers: Sequence[str], remedy: str) -> Iterator[TableRow]:
-    """Reads a UTF-8 CSV file whose first line names its columns, in any order; others are passed over.
+        Args:
+            columns: Where they stand.
+            what: What a row must hold, for the message.
+            remedy: What to do with a number that is not finite.
 
-    Args:
+        Raises:
+            RouteError: One is no number, or not finite.
+        """
+        try:
+            values = [float(self.cells[column]) for column in columns]
+        except ValueError as error:
+            raise self.wrong(f"must hold {what}; correct it") from error
+        if not all(map(math.isfinite, values)):
+            raise self.wrong(f"holds a number that is not finite; {remedy}")
+        return values
+
+
+class CsvTable:
+    """A UTF-8 CSV file whose first line names its columns, in any order.
+
+    Attributes:
         path: The file.
-        key: The column that names the row.
-        numbers: The columns of numbers.
-        remedy: What to do if the file is missing.
-
-    Raises:
-        RouteError: The file is missing or malformed, lacks a column, or holds a number that is not finite.
+        columns: What the first line names.
     """
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = csv.reader(file, strict=True)
-            columns = _find_columns(path, lines, (key, *numbers))
+
+    def __init__(self, path: Path, wanted: Sequence[str] = (), remedy: str = "check the file") -> None:
+        """Reads the first line.
+
+        Args:
+            path: The file.
+            wanted: Columns that must be there, beside others.
+            remedy: What to do if the file is missing.
+
+        Raises:
+            RouteError: The file is missing or malformed, or lacks a column.
+        """
+        self.path = path
+        self._remedy = remedy
+        with self._lines() as lines:
+            self.columns = [name.strip() for name in next(lines, [])]
+        while self.columns and not self.columns[-1]:
+            self.columns.pop()
+        absent = [name for name in wanted if name not in self.columns]
+        if absent:
+            raise RouteError(
+                f"{readable(path)} lacks the column {absent[0]!r} in its first line; it must name {', '.join(wanted)}"
+            )
+
+    def __iter__(self) -> Iterator[TableRow]:
+        """Yields the rows that are not empty.
+
+        Raises:
+            RouteError: The file is malformed, or a row has more or fewer cells than the first line; empty ones at its
+                end count as none.
+        """
+        count = len(self.columns)
+        places = {name: self.columns.index(name) for name in self.columns}
+        with self._lines() as lines:
+            next(lines, None)
             for number, line in enumerate(lines, start=2):
+                if line and (len(line) < count or any(line[count:])):
+                    raise RouteError(
+                        f"{readable(self.path)}, row {number} has {len(line)} cells, but the first line names {count} "
+                        "columns; correct it (a decimal comma makes two cells of one number: write a point)"
+                    )
                 if line:
-                    yield _read_row(path, number, line, columns, (key, *numbers))
-    except OSError as error:
-        raise RouteError(f"cannot read {readable(path)}: {error.strerror or error}; {remedy}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise RouteError(f"{readable(path)} is not a UTF-8 CSV file ({error}); export it again") from error
+                    yield TableRow(self.path, number, {name: line[at] for name, at in places.items()})
+
+    @contextlib.contextmanager
+    def _lines(self) -> Iterator[Iterator[list[str]]]:
+        try:
+            with self.path.open(encoding="utf-8-sig", newline="") as file:
+                yield csv.reader(file, strict=True)
+        except OSError as error:
+            raise RouteError(f"cannot read {readable(self.path)}: {error.strerror or error}; {self._remedy}") from error
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise RouteError(f"{readable(self.path)} is not a UTF-8 CSV file ({error}); export it again") from error
 
 
-def read_frames(
-    path: Path, stems: Sequence[str], numbers: Sequence[str], what: str, remedy: str
-) -> NDArray[np.float64]:
-    """Reads the numbers of some frames from a table whose column `stem` names the frames.
+def read_poses(path: Path, stems: Sequence[str]) -> NDArray[np.float64]:
+    """Reads the poses of some frames.
 
     Args:
-        path: See `read_table`. Rows of other stems are ignored.
-        stems: The N frames.
-        numbers: The K columns of numbers.
-        what: What a row gives, for messages: "pose".
-        remedy: What to do if the file is missing.
+        path: A table with the columns stem, x, y (metres) and heading (radians). Rows of other stems are ignored.
+        stems: The frames.
 
     Returns:
-        N×K float64, read-only, in the order of `stems`.
+        N×3 float64, read-only, in the order of `stems`.
 
     Raises:
-        RouteError: As for `read_table`, or the table names a stem twice, or lacks a frame.
+        RouteError: The table is missing or malformed, holds a number that is not finite or a stem twice, or lacks a
+            frame.
     """
+    table = CsvTable(path, ("stem", "x", "y", "heading"), "check `poses` in route.toml")
+    return _of_frames(table, ("x", "y", "heading"), stems, "pose", "three numbers")
+
+
+def read_times(path: Path, stems: Sequence[str]) -> NDArray[np.float64]:
+    """Reads when some frames were taken.
+
+    Args:
+        path: A table with the columns stem and seconds (from any fixed moment). Rows of other stems are ignored.
+        stems: The frames.
+
+    Returns:
+        N float64 seconds, read-only, in the order of `stems`.
+
+    Raises:
+        RouteError: As for `read_poses`.
+    """
+    return _of_frames(CsvTable(path, ("stem", "seconds")), ("seconds",), stems, "time", "a number")[:, 0]
+
+
+def _of_frames(
+    table: CsvTable, columns: Sequence[str], stems: Sequence[str], what: str, numbers: str
+) -> NDArray[np.float64]:
+    """Returns N×K numbers in the order of the stems."""
     wanted = frozenset(stems)
-    found: dict[str, tuple[float, ...]] = {}
-    for row in read_table(path, "stem", numbers, remedy):
-        if row.key in found:
-            raise row.wrong(f"names the stem {row.key!r} a second time; keep one {what} for each frame")
-        if row.key in wanted:
-            found[row.key] = row.numbers
+    found: dict[str, list[float]] = {}
+    for row in table:
+        stem = row.cells["stem"]
+        values = row.floats(columns, f"a stem and {numbers}")
+        if stem in found:
+            raise row.wrong(f"names the stem {stem!r} a second time; keep one {what} for each frame")
+        if stem in wanted:
+            found[stem] = values
     missing = [stem for stem in stems if stem not in found]
     if missing:
         raise RouteError(
-            f"{readable(path)} has no {what} for {len(missing)} of {len(stems)} frames, the first is "
+            f"{readable(table.path)} has no {what} for {len(missing)} of {len(stems)} frames, the first is "
             f"{missing[0]!r}; add a line for each frame, or move the frames without a {what} out of the route"
         )
-    values = np.array([found[stem] for stem in stems], dtype=np.float64).reshape(-1, len(numbers))
-    values.flags.writeable = False
-    return values
-
-
-def read_columns(path: Path) -> list[str]:
-    """Reads which columns the first line of a CSV file names.
-
-    Raises:
-        RouteError: The file is missing or no UTF-8 CSV file.
-    """
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return [name.strip() for name in next(csv.reader(file, strict=True), [])]
-    except OSError as error:
-        raise RouteError(f"cannot read {readable(path)}: {error.strerror or error}; check the file") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise RouteError(f"{readable(path)} is not a UTF-8 CSV file ({error}); export it again") from error
-
-
-def _find_columns(path: Path, lines: Iterator[list[str]], wanted: Sequence[str]) -> list[int]:
-    header = [name.strip() for name in next(lines, [])]
-    absent = [name for name in wanted if name not in header]
-    if absent:
-        raise RouteError(
-            f"{readable(path)} lacks the column {absent[0]!r} in its first line; it must name {', '.join(wanted)}"
-        )
-    return [header.index(name) for name in wanted]
-
-
-def _read_row(path: Path, number: int, line: list[str], columns: list[int], names: Sequence[str]) -> TableRow:
-    try:
-        key, *texts = (line[column] for column in columns)
-        row = TableRow(path, number, key, tuple(map(float, texts)))
-    except (IndexError, ValueError) as error:
-        raise RouteError(
-            f"{readable(path)}, row {number} must hold a {names[0]} and {_count(len(names) - 1)}; correct it"
-        ) from error
-    if not all(map(math.isfinite, row.numbers)):
-        raise row.wrong("holds a number that is not finite; correct it or leave the frame out")
-    return row
-
-
-def _count(numbers: int) -> str:
-    return {1: "a number", 3: "three numbers"}.get(numbers, f"{numbers} numbers")
+    array = np.array([found[stem] for stem in stems], dtype=np.float64).reshape(-1, len(columns))
+    array.flags.writeable = False
+    return array

@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 from everplace.images.decoding import read_image_bytes, usable_cores
 from everplace.progress import Progress, quiet
 from everplace.route.traverse import Traverse
 
-__all__ = ["file_digests", "traverse_fingerprint"]
+__all__ = ["file_digests", "fingerprint", "traverse_fingerprint"]
 
 _FILES_A_TASK = 64
+
+
+def fingerprint(labels: Any, parts: Iterable[bytes | memoryview]) -> str:
+    """SHA-256, in hex, of labels, which JSON can hold, and of the parts of a content after them."""
+    digest = hashlib.sha256(json.dumps(labels).encode())
+    for part in parts:
+        digest.update(part)
+    return digest.hexdigest()
 
 
 def file_digests(traverse: Traverse, progress: Progress = quiet) -> Iterator[bytes]:
@@ -47,7 +56,4 @@ def traverse_fingerprint(traverse: Traverse, progress: Progress = quiet) -> str:
     Raises:
         ImageError: A file cannot be read.
     """
-    fingerprint = hashlib.sha256(json.dumps(traverse.stems).encode())
-    for some in file_digests(traverse, progress):
-        fingerprint.update(some)
-    return fingerprint.hexdigest()
+    return fingerprint(traverse.stems, file_digests(traverse, progress))

@@ -10,13 +10,13 @@ from pathlib import Path
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.images.decoding import IMAGE_ENDINGS
+from everplace.images.decoding import IMAGE_ENDINGS, is_image_name
+from everplace.route.csv_table import read_poses
 from everplace.route.natural_order import natural_sorted
-from everplace.route.poses import read_poses
 from everplace.route.route_toml import ROUTE_TOML, RouteToml, TraverseToml
 from everplace.route.traverse import Traverse
 
-__all__ = ["POSES_CSV", "TIMES_CSV", "open_traverse", "read_traverses"]
+__all__ = ["POSES_CSV", "TIMES_CSV", "list_directory", "open_traverse", "read_traverses"]
 
 POSES_CSV = "poses.csv"
 """Where the poses of a traverse are, in its directory, unless route.toml names another file."""
@@ -70,8 +70,10 @@ def open_traverse(directory: Path) -> Traverse:
         problem = "is not a directory" if directory.exists() else "does not exist"
         raise RouteError(f"{readable(directory)} {problem}; give a directory that holds images")
     whole = directory.absolute()
-    inner, names = _list(whole)
-    traverses = [] if _images(names) else [name for name in natural_sorted(inner) if _images(_list(whole / name)[1])]
+    inner, names = list_directory(whole)
+    traverses = (
+        [] if _images(names) else [name for name in natural_sorted(inner) if _images(list_directory(whole / name)[1])]
+    )
     if traverses:
         raise RouteError(
             f"{readable(directory)} holds no images itself, but directories of images; give one of them, such as "
@@ -85,7 +87,7 @@ def _sub_directories(root: Path) -> list[str]:
     if not root.is_dir():
         problem = "is not a directory" if root.exists() else "does not exist"
         raise RouteError(f"the route {readable(root)} {problem}; give the directory that holds the traverses")
-    names, _ = _list(root)
+    names, _ = list_directory(root)
     _refuse_foreign_bytes(root, names)
     return natural_sorted(names)
 
@@ -96,12 +98,12 @@ def _only_holds_poses(root: Path, name: str, settings: RouteToml) -> bool:
         traverse.poses is not None and (root / traverse.poses).parent == root / name
         for traverse in settings.traverses.values()
     )
-    return holds_poses and name not in settings.traverses and not _images(_list(root / name)[1])
+    return holds_poses and name not in settings.traverses and not _images(list_directory(root / name)[1])
 
 
 def _no_traverses(root: Path) -> RouteError:
     """Tells a single traverse from a directory with nothing in it."""
-    if _images(_list(root)[1]):
+    if _images(list_directory(root)[1]):
         return RouteError(
             f"{readable(root)} holds images itself, so it is a single traverse and not a route; give the "
             f"directory above it ({readable(root.absolute().parent)}) or move the images into a sub-directory"
@@ -135,7 +137,7 @@ def _list_traverse(root: Path, name: str, settings: TraverseToml) -> Traverse:
 
 def _frames(directory: Path, pattern: str | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Returns the stems in a traverse's directory in natural order, and the file ending of each."""
-    names = _list(directory)[1]
+    names = list_directory(directory)[1]
     names = _images(names) if pattern is None else fnmatch.filter(names, pattern)
     _refuse_foreign_bytes(directory, names)
     if ending := _common_ending(names):
@@ -175,26 +177,34 @@ def _endings(directory: Path, names: list[str]) -> dict[str, str]:
 
 def _images(names: list[str]) -> list[str]:
     """Returns the names that end as an image's does, in capitals or not."""
-    return [name for name in names if name.lower().endswith(_ENDINGS)]
+    return list(filter(is_image_name, names))
 
 
-def _list(directory: Path) -> tuple[list[str], list[str]]:
+def list_directory(directory: Path) -> tuple[list[str], list[str]]:
     """Returns the names of sub-directories and of everything else, hidden ones left out, in no order.
 
     A link that leads nowhere counts as a file: it is a frame that cannot be decoded, and must not vanish in
     silence.
+
+    Raises:
+        RouteError: The directory cannot be listed, or a link in it leads to itself.
     """
     directories: list[str] = []
     files: list[str] = []
+    last = ""
     try:
         with os.scandir(directory) as entries:
             for entry in entries:
                 if not entry.name.startswith("."):
-                    (directories if entry.is_dir() else files).append(entry.name)
+                    last = entry.name
+                    (directories if entry.is_dir() else files).append(last)
     except OSError as error:
-        raise RouteError(
-            f"cannot list {readable(directory)}: {error.strerror or error}; check its permissions"
-        ) from error
+        reason = error.strerror or error
+        if (directory / last).is_symlink():
+            raise RouteError(
+                f"cannot follow the link {readable(directory / last)}: {reason}; remove it or mend it"
+            ) from error
+        raise RouteError(f"cannot list {readable(directory)}: {reason}; check the path and its permissions") from error
     return directories, files
 
 

@@ -8,7 +8,6 @@ goes stale; it appears whole by rename, so several processes may make the same o
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import os
 import secrets
@@ -25,7 +24,7 @@ from everplace.errors import ConfigError, RouteError, StorageError
 from everplace.files import cache_directory, readable, whole_directory, write_text
 from everplace.images.decoding import ImageSpec, decode_images
 from everplace.progress import Progress, quiet
-from everplace.route.fingerprint import file_digests
+from everplace.route.fingerprint import file_digests, fingerprint
 from everplace.route.traverse import Traverse
 
 if sys.platform != "win32":
@@ -104,10 +103,7 @@ def pack(traverse: Traverse, spec: ImageSpec, *, cache: Path | None = None, prog
 def _key(traverse: Traverse, spec: ImageSpec, progress: Progress) -> str:
     """Returns the hash of all that decides what a pack holds."""
     settings = {"version": _VERSION, "size": spec.size, "grey": spec.grey, "stems": traverse.stems}
-    key = hashlib.sha256(json.dumps(settings).encode())
-    for some in file_digests(traverse, progress):
-        key.update(some)
-    return key.hexdigest()[:40]
+    return fingerprint(settings, file_digests(traverse, progress))[:40]
 
 
 def _open(directory: Path, shape: tuple[int, ...]) -> NDArray[np.uint8] | None:

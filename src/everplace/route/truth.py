@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable, whole_file
+from everplace.route.csv_table import CsvTable, TableRow
 from everplace.route.natural_order import natural_sorted
 from everplace.route.traverse import Traverse
 
@@ -113,61 +114,17 @@ class TruthTable:
     @cached_property
     def _pairs(self) -> dict[tuple[str, str], NDArray[np.int64]]:
         """K×2 positions in the whole traverses, by the traverses' names."""
-        try:
-            with self.path.open(encoding="utf-8-sig", newline="") as file:
-                return self._read(csv.reader(file, strict=True))
-        except OSError as error:
-            raise RouteError(
-                f"cannot read {readable(self.path)}: {error.strerror or error}; check its permissions"
-            ) from error
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise RouteError(f"{readable(self.path)} is not a UTF-8 CSV file ({error}); export it again") from error
-
-    def _read(self, lines: Iterator[list[str]]) -> dict[tuple[str, str], NDArray[np.int64]]:
-        header = [name.strip() for name in next(lines, [])]
-        absent = [name for name in TruthPair._fields if name not in header]
-        if absent:
-            raise RouteError(
-                f"{readable(self.path)} lacks the column {absent[0]!r} in its first line; it must name "
-                f"{', '.join(TruthPair._fields)}"
-            )
-        columns = [header.index(name) for name in TruthPair._fields]
+        table = CsvTable(self.path, TruthPair._fields, "check its permissions")
         places = {
             name: {stem: index for index, stem in enumerate(traverse.stems)}
             for name, traverse in self._traverses.items()
         }
         found: dict[tuple[str, str], array[int]] = {}
-        for number, line in enumerate(lines, start=2):
-            if not line:
-                continue
-            try:
-                query_traverse, query, database_traverse, database = (line[column] for column in columns)
-            except IndexError as error:
-                raise RouteError(
-                    f"{readable(self.path)}, row {number} must hold {', '.join(TruthPair._fields)}; correct it"
-                ) from error
-            try:
-                pair = places[query_traverse][query], places[database_traverse][database]
-            except KeyError:
-                raise self._unknown(number, ((query_traverse, query), (database_traverse, database))) from None
-            found.setdefault((query_traverse, database_traverse), array("q")).extend(pair)
+        for row in table:
+            pair = TruthPair(*map(row.cells.__getitem__, TruthPair._fields))
+            at = [_position(row, places, *frame) for frame in (pair[:2], pair[2:])]
+            found.setdefault((pair.query_traverse, pair.database_traverse), array("q")).extend(at)
         return {names: np.frombuffer(pairs, dtype=np.int64).reshape(-1, 2) for names, pairs in found.items()}
-
-    def _unknown(self, number: int, frames: Iterable[tuple[str, str]]) -> RouteError:
-        """Names the first frame of a line that the route does not have."""
-        where = f"{readable(self.path)}, row {number}"
-        for traverse, stem in frames:
-            if traverse not in self._traverses:
-                return RouteError(
-                    f"{where} names the traverse {traverse!r}, which the route does not have; there are: "
-                    f"{', '.join(map(readable, self._traverses))}"
-                )
-            if stem not in self._traverses[traverse].stems:
-                return RouteError(
-                    f"{where} names the frame {stem!r}, which the traverse {traverse!r} does not have; correct "
-                    "the line or add the frame"
-                )
-        raise AssertionError("every frame of the line is known")
 
 
 def write_truth(path: Path, pairs: Iterable[TruthPair]) -> int:
@@ -255,6 +212,21 @@ def truth_by_pose(query: Traverse, database: Traverse, radius: float) -> NDArray
     for row, columns in enumerate(neighbours):
         truth[row, columns] = True
     return truth
+
+
+def _position(row: TableRow, places: Mapping[str, Mapping[str, int]], traverse: str, stem: str) -> int:
+    """Returns where a frame that a row names is in its traverse."""
+    if traverse not in places:
+        raise row.wrong(
+            f"names the traverse {traverse!r}, which the route does not have; there are: "
+            f"{', '.join(map(readable, places))}"
+        )
+    if stem not in places[traverse]:
+        raise row.wrong(
+            f"names the frame {stem!r}, which the traverse {traverse!r} does not have; correct the line or "
+            "add the frame"
+        )
+    return places[traverse][stem]
 
 
 def _positions(traverse: Traverse) -> NDArray[np.float64]:

@@ -49,7 +49,7 @@ def test_it_is_read_back_in_the_natural_order_of_the_names(tmp_path: Path) -> No
 
 
 def test_without_image_names_the_groups_are_the_names(tmp_path: Path) -> None:
-    names = ("1.5", "1.25", "Fähre/b")
+    names = ("1.25", "1.5", "Fähre/b")
     example(names=names, image_names=None).write_hloc(tmp_path / "d.h5")
     assert listed_by_hloc(tmp_path / "d.h5") == set(names)
     assert load_descriptors(tmp_path / "d.h5").names == names

@@ -7,7 +7,7 @@ import stat
 import struct
 import tarfile
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
@@ -18,7 +18,7 @@ from tests.importing.packing import pack_files
 
 from everplace.errors import EverplaceError, RouteError
 from everplace.images.decoding import MAX_FILE_BYTES
-from everplace.importing.containers import tar_stream
+from everplace.importing.containers import archives
 from everplace.importing.containers.archives import (
     Member,
     archive_label,
@@ -170,7 +170,7 @@ def test_a_flipped_bit_in_a_zip_is_noticed_with_the_member(tmp_path: Path) -> No
 
 
 def test_decompression_bombs_are_refused_early(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tar_stream, "_FREE_EXPANSION", 2**20)
+    monkeypatch.setattr(archives, "_FREE_EXPANSION", 2**20)
     zeros = bytes(2**22)
     for path in (
         tar(tmp_path / "a.tar.gz", {f"{number}.png": zeros for number in range(3)}, "w:gz"),
@@ -251,6 +251,34 @@ def test_a_length_that_points_back_ends(tmp_path: Path) -> None:
     path = tmp_path / "a.tar"
     path.write_bytes(bytes(data) + bytes(4096))
     assert "truncated or damaged" in refused(path)
+
+
+@pytest.mark.parametrize("size", ["-1024", "-1", "9" * 20])
+@pytest.mark.parametrize("compress", [bytes, gzip.compress])
+def test_a_length_in_an_extended_header_that_cannot_be_ends(
+    tmp_path: Path, size: str, compress: Callable[[bytes], bytes]
+) -> None:
+    info = tarfile.TarInfo("a.png")
+    info.pax_headers = {"size": size}
+    path = tmp_path / "a.tar"
+    path.write_bytes(compress(info.tobuf(tarfile.PAX_FORMAT) + bytes(4096)))
+    assert "a.tar" in refused(path)
+
+
+def test_extended_headers_without_end_are_refused(tmp_path: Path) -> None:
+    info = tarfile.TarInfo("a.png")
+    info.pax_headers = {"comment": "x" * 3000}
+    header = info.tobuf(tarfile.PAX_FORMAT)[:-512]  # without the member that it is about
+    path = tmp_path / "a.tar.gz"
+    path.write_bytes(gzip.compress(header * 3000))
+    assert "truncated or damaged" in refused(path)
+
+
+def test_a_compressed_tar_may_consist_of_several_streams(tmp_path: Path) -> None:
+    whole = tar(tmp_path / "a.tar", FILES).read_bytes()
+    path = tmp_path / "a.tar.gz"
+    path.write_bytes(gzip.compress(whole[:1000]) + gzip.compress(whole[1000:]))
+    assert dict(read_members(path, FILES)) == FILES
 
 
 def test_a_wanted_member_that_is_not_there_is_an_error(tmp_path: Path) -> None:

@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.fuzzing import fuzzed
-from tests.importing.packing import pack
+from tests.importing.packing import pack, pack_files
 
 from everplace.errors import RouteError
-from everplace.importing.containers.archive_tree import ArchiveTree
-from everplace.importing.containers.file_trees import FileTree, FolderTree, files_below
+from everplace.files import readable
+from everplace.importing.containers.archive_tree import ArchivePath
+from everplace.importing.containers.file_trees import TreePath, files_below
 from everplace.importing.foreign_route import Encoded
 
 HIDDEN = (".hidden.png", "b/._9.jpg", ".git/1.png")
@@ -28,22 +29,22 @@ def make(root: Path, *names: str) -> Path:
     return root
 
 
-def answers(tree: FileTree, name: str) -> dict[str, Any]:
-    said: dict[str, Any] = {"file": tree.is_file(name), "directory": tree.is_dir(name)}
+def answers(path: TreePath) -> dict[str, Any]:
+    said: dict[str, Any] = {"file": path.is_file(), "directory": path.is_dir()}
     if said["file"]:
-        with tree.open(name) as file:
+        with path.open() as file:
             said["content"] = file.read()
     if said["directory"]:
-        said |= {"children": tree.children(name), "files": sorted(tree.files(name))}
+        said |= {"children": path.children(), "files": sorted(path.files())}
     return said
 
 
 def test_a_directory_and_an_archive_of_it_hold_the_same_images(tmp_path: Path) -> None:
-    folder = FolderTree(make(tmp_path / "f", *NAMES, *HIDDEN))
-    packed = ArchiveTree(pack(tmp_path / "f", tmp_path / "f.tar.gz", "./"))
+    folder = TreePath(make(tmp_path / "f", *NAMES, *HIDDEN))
+    packed = ArchivePath(pack(tmp_path / "f", tmp_path / "f.tar.gz", "./"))
     assert folder.images == ("0.png", "a/deep2.bmp", "a/deep/er/1.webp", "b/9.jpg", "b/10.PNG")
     assert set(packed.images) == set(folder.images)
-    assert (folder.label, packed.label) == ("f", "f")
+    assert (folder.name, packed.name) == ("f", "f")
     wanted = ["b/10.PNG", "0.png"]
     assert list(folder.read(wanted)) == [(name, tmp_path / "f" / name) for name in wanted]
     assert dict(packed.read(wanted)) == {"b/10.PNG": Encoded(b"b/10.PNG", ".PNG"), "0.png": Encoded(b"0.png", ".png")}
@@ -56,28 +57,28 @@ def test_a_directory_and_an_archive_of_it_answer_alike(tmp_path: Path, parts: li
         pack(make(tmp_path / "f", *NAMES, *HIDDEN), tmp_path / "f.zip")
     name = "/".join(parts)
     if ".." in os.path.normpath(name):
-        assert answers(ArchiveTree(tmp_path / "f.zip"), name) == {"file": False, "directory": False}
+        assert answers(ArchivePath(tmp_path / "f.zip") / name) == {"file": False, "directory": False}
     elif ".." not in parts:
-        assert answers(ArchiveTree(tmp_path / "f.zip"), name) == answers(FolderTree(tmp_path / "f"), name)
+        assert answers(ArchivePath(tmp_path / "f.zip") / name) == answers(TreePath(tmp_path / "f") / name)
 
 
 def test_names_that_no_disk_takes_are_not_there(tmp_path: Path) -> None:
     for name in ("a" * 5000, "a\0b"):
-        assert not FolderTree(tmp_path).is_file(name)
-        assert not FolderTree(tmp_path).is_dir(name)
+        assert not (TreePath(tmp_path) / name).is_file()
+        assert not (TreePath(tmp_path) / name).is_dir()
 
 
 def test_a_directory_that_holds_itself_ends(tmp_path: Path) -> None:
     make(tmp_path / "f", "a/1.png")
     (tmp_path / "f/a/again").symlink_to(tmp_path / "f", target_is_directory=True)
-    assert FolderTree(tmp_path / "f").images == ("a/1.png",)
+    assert TreePath(tmp_path / "f").images == ("a/1.png",)
 
 
 def test_a_missing_directory_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(RouteError, match="cannot list .*gone: No such file or directory"):
-        FolderTree(tmp_path / "gone").children("")
+        TreePath(tmp_path / "gone").children()
     with pytest.raises(RouteError, match="cannot list .*gone/b: No such file"):
-        list(FolderTree(tmp_path / "gone").files("b"))
+        list((TreePath(tmp_path / "gone") / "b").files())
 
 
 def test_files_are_found_down_to_a_level(tmp_path: Path) -> None:
@@ -89,4 +90,30 @@ def test_a_link_to_itself_is_named(tmp_path: Path) -> None:
     (tmp_path / "query").mkdir()
     (tmp_path / "query/loop").symlink_to("loop")
     with pytest.raises(RouteError, match=r"cannot follow the link .*query/loop: .*; remove it or mend it"):
-        FolderTree(tmp_path).children("query")
+        (TreePath(tmp_path) / "query").children()
+
+
+def test_paths_are_used_like_those_of_the_disk(tmp_path: Path) -> None:
+    make(tmp_path, "set/a/list.txt")
+    packed = ArchivePath(pack_files(tmp_path / "set.tar.gz", [("a/list.txt", b"set/a/list.txt")]))
+    for top, where in ((TreePath(tmp_path / "set"), "set"), (packed, "set.tar.gz")):
+        file = top / "a" / "list.txt"
+        assert (top.name, file.name, file.parent.name, file.parent.parent.name) == ("set", "list.txt", "a", "set")
+        assert file.is_file()
+        assert (top / "a").is_dir()
+        assert not (top / "b").is_dir()
+        assert (top / "a").children() == ([], ["list.txt"])
+        with file.open() as opened:
+            assert opened.read() == b"set/a/list.txt"
+        assert readable(file) == str(tmp_path / where / "a/list.txt")
+        assert file.is_on_disk == (where == "set")
+    assert (TreePath(tmp_path / "set").parent / "set/a/list.txt").is_file()
+    assert packed.parent is packed
+
+
+def test_an_absolute_name_is_one_on_the_disk(tmp_path: Path) -> None:
+    make(tmp_path, "pairs.txt")
+    place = ArchivePath(pack_files(tmp_path / "a.zip", [("1.png", b"")])) / str(tmp_path / "pairs.txt")
+    assert place.is_on_disk
+    assert place.is_file()
+    assert place.name == "pairs.txt"

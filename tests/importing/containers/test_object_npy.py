@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from tests.fuzzing import fuzzed
 
 from everplace.errors import RouteError
+from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.containers.object_npy import read_object_array
 
 
@@ -41,14 +42,14 @@ PLAIN = [[0, [0, 1]], [1, [1, 2]], [2.0, []]]
 def test_every_protocol_of_pickle(tmp_path: Path, protocol: int) -> None:
     path = tmp_path / "a.npy"
     path.write_bytes(header((3, 2)) + pickle.dumps(ROWS, protocol=protocol))
-    assert read_object_array(path) == PLAIN
+    assert read_object_array(TreePath(path)) == PLAIN
 
 
 def test_what_older_numpy_wrote_under_python_2(tmp_path: Path) -> None:
     # Protocol 2 names modules in text; a byte string of Python 2 is the opcode U and comes back as str.
     data = pickle.dumps(ROWS, protocol=2).replace(b"numpy._core.multiarray", b"numpy.core.multiarray")
     (tmp_path / "a.npy").write_bytes(header((3, 2)) + data)
-    assert read_object_array(tmp_path / "a.npy") == PLAIN
+    assert read_object_array(TreePath(tmp_path / "a.npy")) == PLAIN
     number = b"\x80\x02cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\nK\x00\x85U\x01b\x87R(K\x01K\x02\x85"
     number += b"cnumpy\ndtype\nU\x02i2K\x00K\x01\x87R(K\x03U\x01<NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb"
     number += b"\x89U\x04\x01\x00\xff\xfftb."
@@ -56,20 +57,27 @@ def test_what_older_numpy_wrote_under_python_2(tmp_path: Path) -> None:
     (tmp_path / "b.npy").write_bytes(header((2,)).replace(b"(2,), }  ", b"(2L,), } ") + number)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert read_object_array(tmp_path / "b.npy") == [1, -1]
+        assert read_object_array(TreePath(tmp_path / "b.npy")) == [1, -1]
 
 
 @pytest.mark.parametrize("order", ["C", "F"])
 def test_plain_numbers_and_the_order_in_memory(tmp_path: Path, order: Any) -> None:
     numbers = np.arange(24.0).reshape(2, 3, 4)
     np.save(tmp_path / "a.npy", np.array(numbers, order=order))
-    assert read_object_array(tmp_path / "a.npy") == numbers.tolist()
+    assert read_object_array(TreePath(tmp_path / "a.npy")) == numbers.tolist()
     inside = np.empty(1, dtype=object)
     inside[0] = np.array(numbers[0], order=order)
     np.save(tmp_path / "b.npy", inside, allow_pickle=True)
-    assert read_object_array(tmp_path / "b.npy") == [numbers[0].tolist()]
+    assert read_object_array(TreePath(tmp_path / "b.npy")) == [numbers[0].tolist()]
     np.save(tmp_path / "c.npy", np.array(ROWS, order=order), allow_pickle=True)
-    assert read_object_array(tmp_path / "c.npy") == PLAIN
+    assert read_object_array(TreePath(tmp_path / "c.npy")) == PLAIN
+
+
+def test_lists_of_one_length_stay_lists(tmp_path: Path) -> None:
+    rows = np.empty(2, dtype=object)
+    rows[0], rows[1] = [1, 2], [3, 4]
+    np.save(tmp_path / "a.npy", rows, allow_pickle=True)
+    assert read_object_array(TreePath(tmp_path / "a.npy")) == [[1, 2], [3, 4]]
 
 
 class Hostile:
@@ -90,7 +98,7 @@ def test_a_hostile_pickle_runs_nothing(tmp_path: Path, function: Any, named: str
     array[0] = Hostile(function, argument)
     np.save(tmp_path / "a.npy", array, allow_pickle=True)
     with pytest.raises(RouteError, match=f"a.npy is damaged or unsafe: it wants to call {named}") as caught:
-        read_object_array(tmp_path / "a.npy")
+        read_object_array(TreePath(tmp_path / "a.npy"))
     assert "\n" not in str(caught.value)
     assert not mark.exists()
 
@@ -100,9 +108,9 @@ def test_the_constructors_of_one_file_cannot_be_changed_for_the_next(tmp_path: P
     bad = b"\x80\x02cnumpy.core.multiarray\n_reconstruct\nN}X\x01\x00\x00\x00xK\x01s\x86b."
     (tmp_path / "a.npy").write_bytes(header((1,)) + bad)
     with pytest.raises(RouteError, match="no array"):
-        read_object_array(tmp_path / "a.npy")
+        read_object_array(TreePath(tmp_path / "a.npy"))
     np.save(tmp_path / "b.npy", ROWS, allow_pickle=True)
-    assert read_object_array(tmp_path / "b.npy") == PLAIN
+    assert read_object_array(TreePath(tmp_path / "b.npy")) == PLAIN
     assert not hasattr(np.array([1]).__reduce__()[0], "x")
 
 
@@ -113,14 +121,14 @@ def test_lists_that_hold_one_another_many_times_do_not_grow(tmp_path: Path) -> N
     array = np.empty(1, dtype=object)
     array[0] = laugh
     np.save(tmp_path / "a.npy", array, allow_pickle=True)
-    (outer,) = read_object_array(tmp_path / "a.npy")
+    (outer,) = read_object_array(TreePath(tmp_path / "a.npy"))
     assert outer[0] is outer[999]
     endless: list[Any] = []
     endless.append(endless)
     array[0] = endless
     np.save(tmp_path / "b.npy", array, allow_pickle=True)
     with pytest.raises(RouteError, match="more than lists of numbers"):
-        read_object_array(tmp_path / "b.npy")
+        read_object_array(TreePath(tmp_path / "b.npy"))
 
 
 def test_a_small_file_cannot_ask_for_much_memory(tmp_path: Path) -> None:
@@ -133,11 +141,11 @@ def test_a_small_file_cannot_ask_for_much_memory(tmp_path: Path) -> None:
     ):
         (tmp_path / "a.npy").write_bytes(header((1,)) + b"\x80\x05" + claim)
         with pytest.raises(RouteError, match="damaged or unsafe|not a whole"):
-            read_object_array(tmp_path / "a.npy")
+            read_object_array(TreePath(tmp_path / "a.npy"))
     number = b"\x8a\xff" + b"\x7f" * 255 + b"."
     (tmp_path / "a.npy").write_bytes(header((1,)) + b"\x80\x05" + number)
     with pytest.raises(RouteError, match="no array"):
-        read_object_array(tmp_path / "a.npy")
+        read_object_array(TreePath(tmp_path / "a.npy"))
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # kilobytes; the first asks for 4 GB
 
 
@@ -157,9 +165,9 @@ def test_a_small_file_cannot_ask_for_much_memory(tmp_path: Path) -> None:
 def test_broken_files(tmp_path: Path, content: bytes, message: str) -> None:
     (tmp_path / "a.npy").write_bytes(content)
     with pytest.raises(RouteError, match=message):
-        read_object_array(tmp_path / "a.npy")
+        read_object_array(TreePath(tmp_path / "a.npy"))
     with pytest.raises(RouteError, match="cannot read .*gone.npy"):
-        read_object_array(tmp_path / "gone.npy")
+        read_object_array(TreePath(tmp_path / "gone.npy"))
 
 
 @given(
@@ -177,7 +185,7 @@ def test_fuzzed_files_give_lists_or_one_error(
     path = tmp_path_factory.mktemp("npy") / "a.npy"
     path.write_bytes(data[: kept or None])
     try:
-        assert isinstance(read_object_array(path), list)
+        assert isinstance(read_object_array(TreePath(path)), list)
     except RouteError as error:
         assert "a.npy" in str(error)
         assert "\n" not in str(error)

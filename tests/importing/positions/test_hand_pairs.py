@@ -42,11 +42,13 @@ def test_two_drives_may_be_a_and_b(tmp_path: Path) -> None:
         ("", "no column for 'winter' in its first line; it must name the drives, like winter,summer,night"),
         ("winter,summer\na,0\nd,4\n", "no column for 'night'"),
         ("stem_a,stem_b\na,0\nd,4\n", "no column for 'winter'"),
-        ("winter,summer,night\na,0,x\nd,5,z\n", "row 3: 'summer' has no frame '5'"),
-        ("winter,summer,night\nb,1,x\na,2,y\n", "row 3: the pair 'a', '2' goes back or stays"),
-        ("winter,summer,night\na,1,x\nb,1,y\n", "row 3: the pair 'b', '1' goes back or stays"),
+        ("winter,summer,night\na,0,x\nd,5,z\n", "row 3 names the frame '5', which 'summer' does not have"),
+        ("winter,summer,night\nb,1,x\na,2,y\n", "row 3 holds the pair 'a', '2', which goes back or stays"),
+        ("winter,summer,night\na,1,x\nb,1,y\n", "row 3 holds the pair 'b', '1', which goes back or stays"),
         ("winter,summer,night\na,0,x\nd,4,\n", "holds 1 pairs of 'winter' and 'night'; give at least two"),
         ('winter,summer,night\n"a,0,x\n', "not a UTF-8 CSV file"),
+        ("winter,summer,night\na,0,x,y\n", "row 2 has 4 cells, but the first line names 3 columns"),
+        ("winter,summer,night\na,0\n", "row 2 has 2 cells, but the first line names 3 columns"),
     ],
 )
 def test_mistakes_name_file_and_row(tmp_path: Path, text: str, message: str) -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from tests.fuzzing import fuzzed
 
 from everplace.errors import RouteError
+from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.sources import hloc
 from everplace.route.selection import Selection
 from everplace.scoring.retrieval import Truth, choose_pair, true_matches
@@ -52,14 +53,14 @@ def test_the_layout_of_everplace_describe(data_set: Any) -> None:
         file["descriptors"] = np.zeros((2, 3), np.float32)
         file.create_dataset("names", data=["a", "b"], dtype=h5py.string_dtype())
         file.create_dataset("image_names", data=["a.jpg", "b.jpg"], dtype=h5py.string_dtype())
-    assert hloc._read_hdf5(data_set.root / "d.h5") == ["a.jpg", "b.jpg"]
+    assert hloc._read_hdf5(TreePath(data_set.root / "d.h5")) == ["a.jpg", "b.jpg"]
 
 
 def test_the_layout_that_others_write_has_names_alone(data_set: Any) -> None:
     with h5py.File(data_set.root / "d.h5", "w") as file:
         file["descriptors"] = np.zeros((2, 3), np.float32)
         file.create_dataset("names", data=["a.jpg", "b.jpg"], dtype=h5py.string_dtype())
-    assert hloc._read_hdf5(data_set.root / "d.h5") == ["a.jpg", "b.jpg"]
+    assert hloc._read_hdf5(TreePath(data_set.root / "d.h5")) == ["a.jpg", "b.jpg"]
 
 
 def test_pairs_within_one_set_are_one_traverse(data_set: Any) -> None:
@@ -80,7 +81,7 @@ def test_links_in_a_file_lead_nowhere(data_set: Any) -> None:
         file.create_group("b/c.jpg")
         file["b/c.jpg/again"] = file["b"]
         file["out"] = h5py.ExternalLink("/etc/passwd", "/")
-    assert hloc._read_hdf5(data_set.root / "f.h5") == ["a.jpg", "b/c.jpg"]
+    assert hloc._read_hdf5(TreePath(data_set.root / "f.h5")) == ["a.jpg", "b/c.jpg"]
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,16 @@ def test_drives_get_the_same_stems_in_natural_order(tmp_path: Path, drives: Path
     assert [path.resolve().name for path in route["jan"].paths] == [f"IMG_{n}.png" for n in (8, 9, 10, 11, 100)]
 
 
+def test_images_named_by_seconds_are_imported_in_the_order_of_time(tmp_path: Path) -> None:
+    (tmp_path / "day").mkdir()
+    for stem in ("1305031110.5", "1305031110.0", "1305031110.125", "1305031110.25"):
+        Image.new("L", (8, 6)).save(tmp_path / "day" / f"{stem}.png")
+    import_route("images", tmp_path / "day", tmp_path / "out")
+    (traverse,) = open_route(tmp_path / "out").traverses
+    assert traverse.stems == ("000000", "000001", "000002", "000003")
+    assert [path.resolve().stem[10:] for path in traverse.paths] == [".0", ".125", ".25", ".5"]
+
+
 def test_stems_of_their_own_or_of_the_files(tmp_path: Path, drives: Path) -> None:
     import_route("images", drives, tmp_path / "own", {"stems": "own", "every_frames": "2"})
     assert open_route(tmp_path / "own")["jul"].stems == ("jul-000000", "jul-000001", "jul-000002")

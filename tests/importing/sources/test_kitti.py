@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from tests.fuzzing import fuzzed
 
 from everplace.errors import RouteError
+from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.sources import kitti
 
 
@@ -89,7 +90,7 @@ def test_images_that_have_no_number(data_set: Any) -> None:
 def test_any_text_is_poses_or_one_error(data_set: Any, text: str) -> None:
     path = data_set.text("fuzzed.txt", [line(1, 2, 3), text])
     try:
-        poses = kitti._read_poses(path)
+        poses = kitti._read_poses(TreePath(path))
     except RouteError as error:
         assert "fuzzed.txt" in str(error)
     else:

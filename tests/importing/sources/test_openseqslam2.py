@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from tests.fuzzing import fuzzed
 
 from everplace.errors import RouteError
+from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.sources import openseqslam2
 
 
@@ -82,7 +83,7 @@ def test_a_wrong_truth_is_named(data_set: Any, lines: list[str], message: str) -
 def test_any_numbers_give_positions_or_one_error(data_set: Any, text: str) -> None:
     path = data_set.text("fuzzed.csv", [text])
     try:
-        truth = openseqslam2._read_truth(path, 4, 8)
+        truth = openseqslam2._read_truth(TreePath(path), 4, 8)
     except RouteError as error:
         assert "fuzzed.csv" in str(error)
     else:

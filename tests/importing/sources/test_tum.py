@@ -45,6 +45,14 @@ def test_poses_are_interpolated_and_laid_onto_the_plane(data_set: Any) -> None:
         assert (turned + 180) % 360 - 180 == pytest.approx(0, abs=0.1)
 
 
+def test_times_that_lost_trailing_zeros_are_in_their_order(data_set: Any) -> None:
+    stamps = ["1305031110.0", "1305031110.125", "1305031110.25", "1305031110.375", "1305031110.5"]
+    data_set.images("rgb", [f"{stamp}.png" for stamp in stamps])
+    data_set.text("rgb.txt", [f"{stamp} rgb/{stamp}.png" for stamp in stamps])
+    (traverse,) = data_set.imported("tum").traverses
+    assert list(traverse.stems) == stamps
+
+
 def test_frames_without_a_pose_are_left_out_and_said(data_set: Any) -> None:
     write(data_set)
     notes = data_set.read(tum, limit=0.3).notes

@@ -13,6 +13,7 @@ from tests.fuzzing import fuzzed
 
 from everplace.describe.registry import open_describer
 from everplace.errors import RouteError
+from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.sources import vprbench
 from everplace.route.selection import Selection
 from everplace.scoring.retrieval import Matching, Truth, choose_pair, retrieve, true_matches
@@ -106,7 +107,7 @@ def test_a_fuzzed_truth_gives_pairs_or_one_error(data_set: Any, position: int, p
     data[position : position + len(piece)] = piece
     path.write_bytes(data[:kept])
     try:
-        truth = vprbench._read_truth(path, 3, 4)
+        truth = vprbench._read_truth(TreePath(path), 3, 4)
     except RouteError as error:
         assert "fuzzed.npy" in str(error)
     else:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from everplace.describe.files.hdf5 import require_own_numbers
 from everplace.errors import DescriptorsError
 from everplace.files import readable
-from everplace.importing.containers.file_trees import is_image_name
-from everplace.importing.containers.image_tree import stem_of
+from everplace.images.decoding import is_image_name
+from everplace.importing.containers.file_trees import stem_of
 from everplace.route.natural_order import natural_key
 
 __all__ = ["is_hloc_layout", "read_groups", "write_groups"]

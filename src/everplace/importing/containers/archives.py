@@ -7,56 +7,47 @@ out) or a device is refused as a whole: whoever made it wanted something else th
 
 from __future__ import annotations
 
-import contextlib
+import bz2
+import gzip
 import lzma
 import posixpath
 import re
 import stat
-import struct
 import tarfile
 import zipfile
-import zlib
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import IO, NamedTuple, TypeAlias
+from typing import IO, TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.images.decoding import MAX_FILE_BYTES
-from everplace.importing.containers.tar_stream import MAX_HEADER, DisproportionError, TarStream, expansion_limit
 
-__all__ = [
-    "ARCHIVE_ENDINGS",
-    "Member",
-    "archive_label",
-    "is_archive_name",
-    "read_members",
-    "scan_members",
-]
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+__all__ = ["ARCHIVE_ENDINGS", "Member", "archive_label", "is_archive_name", "read_members", "scan_members"]
 
 ARCHIVE_ENDINGS = (".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz", ".zip")
 """Endings (lower case) of the archives that can be read."""
 
+_DECOMPRESSORS: dict[bytes, Callable[[Any], Any]] = {b"\x1f\x8b": gzip.open, b"BZ": bz2.open, b"\xfd7": lzma.open}
 _DRIVE = re.compile("[A-Za-z]:")
 # No file system takes more; the work of a tree of names grows with their depth.
 _LONGEST_NAME = 4096
 _MOST_PARTS = 100
 _MOST_PRINTED = 200
-_MISTRUST = "get it again from where you trust it"
-# What the standard library raises on broken bytes, a broken length field among them.
-_BROKEN = (
-    tarfile.TarError,
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-    EOFError,
-    ValueError,
-    OverflowError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    struct.error,
-    MemoryError,
+# Pictures hardly compress; a tar of a million tiny files does by its padding, but not a hundredfold.
+_MOST_EXPANSION = 200
+_FREE_EXPANSION = 2**30
+# Long names and extended attributes are headers of their own, which `tarfile` reads at once.
+_LONGEST_HEADER = 2**20
+_LONG_HEADERS = (
+    tarfile.GNUTYPE_LONGNAME,
+    tarfile.GNUTYPE_LONGLINK,
+    tarfile.XHDTYPE,
+    tarfile.XGLTYPE,
+    tarfile.SOLARIS_XHDTYPE,
 )
 
 
@@ -74,15 +65,14 @@ class Member(NamedTuple):
     target: str = ""
 
 
-_Opener: TypeAlias = Callable[[], IO[bytes]]
+_Readable: TypeAlias = tuple[Member, Callable[[], IO[bytes]]]
 
 
 class _RefusedError(Exception):
     """Carries what is wrong with an archive, and what to do, to where its name is known."""
 
-    def __init__(self, problem: str, remedy: str = _MISTRUST) -> None:
-        super().__init__(problem)
-        self.remedy = remedy
+    def __init__(self, problem: str, remedy: str = "get it again from where you trust it") -> None:
+        super().__init__(f"{problem}; {remedy}")
 
 
 def is_archive_name(name: str) -> bool:
@@ -96,12 +86,14 @@ def archive_label(name: str) -> str:
     return name[: -len(max(endings, key=len, default="")) or None]
 
 
-def scan_members(path: Path, wanted: Callable[[Member], bool] | None = None) -> Iterator[tuple[Member, bytes | None]]:
+def scan_members(
+    path: Path, wanted: Callable[[Member], bool] = lambda _: False
+) -> Iterator[tuple[Member, bytes | None]]:
     """Lists the regular files and the links in an archive, with the content of some files, in one pass.
 
     Args:
         path: A tar (also compressed by gzip, bzip2 or xz: the content decides) or a zip.
-        wanted: Says whether to read a file; None: read none.
+        wanted: Says whether to read a file.
 
     Yields:
         Each file or link, and its content if it is a file that was wanted, in the order of the archive. Directories
@@ -112,10 +104,34 @@ def scan_members(path: Path, wanted: Callable[[Member], bool] | None = None) -> 
             device or has a name out of all proportion, or the archive decompresses so; or a wanted file is larger than
             an image may be.
     """
-    with _refusing(path) as last:
-        for member, open_member in _walk(path, last):
-            chosen = wanted is not None and not member.target and wanted(member)
-            yield member, _read(member, open_member) if chosen else None
+    last = ""
+    try:
+        if path.exists() and not path.is_file():
+            raise _RefusedError("is no regular file", "give an archive that is one")
+        limit = _FREE_EXPANSION + _MOST_EXPANSION * path.stat().st_size
+        with path.open("rb") as file:
+            is_zip = file.read(4) in (b"PK\3\4", b"PK\5\6", b"PK\7\b")
+            file.seek(0)
+            for member, open_member in _zip_members(file, limit) if is_zip else _tar_members(file, limit):
+                last = _printable(member.name)
+                chosen = not member.target and wanted(member)
+                yield member, _read(member, open_member) if chosen else None
+    except _RefusedError as error:
+        raise RouteError(f"{readable(path)} {error}") from error
+    except NotImplementedError as error:
+        raise RouteError(
+            f"{readable(path)} uses a compression that cannot be read (its member {last}); unpack it"
+        ) from error
+    except Exception as error:  # on broken bytes the standard library raises nearly anything
+        if isinstance(error, OSError) and error.errno is not None:
+            raise RouteError(
+                f"cannot read {readable(path)}: {error.strerror or error}; check the file and its permissions"
+            ) from error
+        where = f" at or after the member {last}" if last else ""
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise RouteError(
+            f"the archive {readable(path)} is truncated or damaged{where} ({reason}); fetch or copy it again"
+        ) from error
 
 
 def read_members(path: Path, wanted: Collection[str]) -> Iterator[tuple[str, bytes]]:
@@ -143,7 +159,7 @@ def read_members(path: Path, wanted: Collection[str]) -> Iterator[tuple[str, byt
     raise RouteError(f"{readable(path)} no longer holds {_printable(min(left))}; get it again from where you trust it")
 
 
-def _read(member: Member, open_member: _Opener) -> bytes:
+def _read(member: Member, open_member: Callable[[], IO[bytes]]) -> bytes:
     if member.size > MAX_FILE_BYTES:
         raise _RefusedError(
             f"holds {_printable(member.name)} of {member.size} bytes, more than the {MAX_FILE_BYTES} that are read "
@@ -151,102 +167,81 @@ def _read(member: Member, open_member: _Opener) -> bytes:
             "unpack it",
         )
     with open_member() as file:
-        content = file.read(member.size + 1)
-    if len(content) != member.size:
-        raise _RefusedError(f"holds {len(content)} bytes of {_printable(member.name)}, but says {member.size}")
-    return content
+        return file.read()
 
 
-class _Last:
-    """The member that is being read, for the message if it breaks."""
-
-    name = ""
-
-
-@contextlib.contextmanager
-def _refusing(path: Path) -> Iterator[_Last]:
-    """Turns whatever breaks inside into one sentence that names the archive and the member."""
-    last = _Last()
-    try:
-        yield last
-    except (_RefusedError, DisproportionError) as error:
-        remedy = error.remedy if isinstance(error, _RefusedError) else _MISTRUST
-        raise RouteError(f"{readable(path)} {error}; {remedy}") from error
-    except NotImplementedError as error:
-        where = f" (its member {_printable(last.name)})" if last.name else ""
-        raise RouteError(f"{readable(path)} uses a compression that cannot be read{where}; unpack it") from error
-    except (*_BROKEN, OSError, RuntimeError) as error:
-        if isinstance(error, OSError) and error.errno is not None:
-            raise RouteError(
-                f"cannot read {readable(path)}: {error.strerror or error}; check the file and its permissions"
-            ) from error
-        where = f" at or after the member {_printable(last.name)}" if last.name else ""
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise RouteError(
-            f"the archive {readable(path)} is truncated or damaged{where} ({reason}); fetch or copy it again"
-        ) from error
-
-
-def _walk(path: Path, last: _Last) -> Iterator[tuple[Member, _Opener]]:
-    """Yields the regular files and links with what opens a file."""
-    if path.exists() and not path.is_file():
-        raise _RefusedError("is no regular file", "give an archive that is one")
-    with path.open("rb") as file:
-        start = file.read(6)
-        file.seek(0)
-        if start.startswith((b"PK\3\4", b"PK\5\6", b"PK\7\b")):
-            yield from _walk_zip(file, path.stat().st_size, last)
-        else:
-            yield from _walk_tar(TarStream(file, path.stat().st_size), last)
-
-
-def _walk_zip(file: IO[bytes], size: int, last: _Last) -> Iterator[tuple[Member, _Opener]]:
-    left = expansion_limit(size)
+def _zip_members(file: IO[bytes], limit: int) -> Iterator[_Readable]:
+    """Yields the regular files and links of a zip with what opens a file."""
     with zipfile.ZipFile(file) as archive:
         for info in archive.infolist():
             # Some that pack on Windows separate the parts so; unzip takes it for the same.
-            name = last.name = _clean(_clean(info.filename).replace("\\", "/"))
+            name = _clean(_clean(info.filename).replace("\\", "/"))
+            kind = stat.S_IFMT(info.external_attr >> 16)
+            limit -= info.file_size
             if info.flag_bits & 1:
                 raise _RefusedError(f"is encrypted (its member {_printable(name)})", "unpack it with its password")
-            kind = stat.S_IFMT(info.external_attr >> 16)
+            if limit < 0:
+                raise _RefusedError("decompresses out of all proportion")
             if kind == stat.S_IFLNK:
-                target = archive.open(info).read(4096).decode("utf-8", "surrogateescape")
-                yield Member(name, 0, _target(name, target, name)), lambda info=info: archive.open(info)  # type: ignore[misc]
+                target = archive.open(info).read(_LONGEST_NAME).decode("utf-8", "surrogateescape")
+                yield _link(name, target, posixpath.dirname(name)), lambda info=info: archive.open(info)  # type: ignore[misc]
             elif kind not in (0, stat.S_IFREG, stat.S_IFDIR):
                 raise _RefusedError(f"holds {_printable(name)}, which is neither a file nor a directory")
             elif not info.filename.endswith(("/", "\\")):
-                left -= info.file_size
-                if left < 0:
-                    raise DisproportionError("decompresses out of all proportion")
                 yield Member(name, info.file_size), lambda info=info: archive.open(info)  # type: ignore[misc]
 
 
-def _walk_tar(stream: TarStream, last: _Last) -> Iterator[tuple[Member, _Opener]]:
+def _tar_members(file: IO[bytes], limit: int) -> Iterator[_Readable]:
+    """Yields the regular files and links of a tar with what opens a file; reads to the end, where the checksum is."""
+    decompressor = _DECOMPRESSORS.get(file.read(2))
+    file.seek(0)
+    stream: IO[bytes] = decompressor(file) if decompressor else file
     # Names that are not UTF-8 keep their bytes as surrogates, so that a message can show them.
-    with tarfile.TarFile(fileobj=stream, mode="r", encoding="utf-8", errors="surrogateescape") as archive:
+    with tarfile.TarFile(
+        fileobj=stream, mode="r", tarinfo=_StrictInfo, encoding="utf-8", errors="surrogateescape"
+    ) as archive:
         while (info := archive.next()) is not None:
-            stream.most_at_once = MAX_HEADER
+            if decompressor and archive.offset > limit:
+                raise _RefusedError("decompresses out of all proportion")
             # tarfile remembers every member, for links; half a kilobyte each adds up.
             archive.members = []  # type: ignore[attr-defined]
-            name = last.name = _clean(info.name)
+            name = _clean(info.name)
             if info.issym() or info.islnk():
-                target = _target(name, info.linkname, name if info.issym() else "")
-                yield Member(name, 0, target), lambda info=info: _member(archive, stream, info)  # type: ignore[misc]
+                member = _link(name, info.linkname, posixpath.dirname(name) if info.issym() else "")
             elif info.isreg():
-                yield Member(name, info.size), lambda info=info: _member(archive, stream, info)  # type: ignore[misc]
-            elif not info.isdir():
+                member = Member(name, info.size)
+            elif info.isdir():
+                continue
+            else:
                 raise _RefusedError(f"holds {_printable(name)}, which is neither a file nor a directory")
-    if not stream.ended_with_mark:
-        raise tarfile.ReadError("its end mark is missing")
-    stream.read_to_end()
+            yield member, lambda info=info: cast(IO[bytes], archive.extractfile(info))  # type: ignore[misc]
+    while stream.read(_LONGEST_HEADER):
+        if stream.tell() > limit:
+            raise _RefusedError("decompresses out of all proportion")
 
 
-def _member(archive: tarfile.TarFile, stream: TarStream, info: tarfile.TarInfo) -> IO[bytes]:
-    stream.most_at_once = MAX_FILE_BYTES
-    file = archive.extractfile(info)
-    if file is None:
-        raise tarfile.ReadError("no content")
-    return file
+class _StrictInfo(tarfile.TarInfo):
+    """A header of a tar; a damaged one is an error and not the end, and no length takes memory or leads back."""
+
+    @classmethod
+    def fromtarfile(cls, archive: tarfile.TarFile) -> Self:
+        """Reads the next header; at the end mark it raises what `tarfile` expects."""
+        try:
+            return super().fromtarfile(archive)._checked()
+        except tarfile.EOFHeaderError:  # type: ignore[attr-defined]
+            raise
+        except tarfile.HeaderError as error:
+            raise tarfile.ReadError(str(error)) from error
+
+    @classmethod
+    def frombuf(cls, buffer: bytes | bytearray, encoding: str, errors: str) -> Self:
+        """Makes a header of its block, before what follows it is read."""
+        return super().frombuf(buffer, encoding, errors)._checked()
+
+    def _checked(self) -> Self:
+        if self.size < 0 or (self.type in _LONG_HEADERS and self.size > _LONGEST_HEADER):
+            raise tarfile.ReadError(f"a header of {self.size} bytes")
+        return self
 
 
 def _clean(name: str) -> str:
@@ -267,16 +262,16 @@ def _clean(name: str) -> str:
     return "/".join(part for part in name.split("/") if part not in ("", "."))
 
 
-def _target(name: str, target: str, relative_to: str) -> str:
-    """Returns what a link leads to, from the top; `relative_to` is empty where targets are from there already.
+def _link(name: str, target: str, directory: str) -> Member:
+    """Returns a link; its target is given from a directory of the archive, empty: the top.
 
     Raises:
         _RefusedError: It leads outside.
     """
-    whole = posixpath.normpath(posixpath.join(posixpath.dirname(relative_to), target.replace("\\", "/")))
+    whole = posixpath.normpath(posixpath.join(directory, target.replace("\\", "/")))
     if whole.startswith(("/", "../")) or whole == ".." or _DRIVE.match(whole) or "\0" in whole:
         raise _RefusedError(f"holds the link {_printable(name)}, which leads outside to {_printable(target)}")
-    return whole
+    return Member(name, 0, whole)
 
 
 def _printable(name: str) -> str:

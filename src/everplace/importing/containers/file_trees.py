@@ -1,23 +1,34 @@
-"""Trees of files to be read by name, and the one that is a directory; `archive_tree` is the one of archives."""
+"""Other people's files by paths like those of `pathlib`, and images below them; `archive_tree` is for archives."""
 
 from __future__ import annotations
 
 import os
 import posixpath
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import IO, NamedTuple, Protocol
+from typing import IO, NamedTuple, TypeVar
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.images.decoding import IMAGE_ENDINGS
-from everplace.importing.foreign_route import Content
-from everplace.route.natural_order import natural_sorted
+from everplace.images.decoding import IMAGE_ENDINGS, is_image_name
+from everplace.importing.foreign_route import Content, ForeignFrame
+from everplace.route.folder import list_directory
+from everplace.route.natural_order import natural_key, natural_sorted
 
-__all__ = ["Children", "FileTree", "FolderTree", "files_below", "is_image_name"]
+__all__ = [
+    "Children",
+    "TreePath",
+    "by_stem",
+    "files_below",
+    "image_names",
+    "read_files",
+    "read_frames",
+    "stem_of",
+]
 
 _ENDINGS = tuple(sorted(IMAGE_ENDINGS))
+_Item = TypeVar("_Item")
 
 
 class Children(NamedTuple):
@@ -32,170 +43,211 @@ class Children(NamedTuple):
     files: list[str]
 
 
-class FileTree(Protocol):
-    """Files by name, to be read.
+class TreePath(os.PathLike[str]):
+    """A file or directory on the disk, which need not exist; a subclass is one in an archive.
 
-    A name is a path below the top, parts separated by `/`; the empty name is the top.
+    As text it is for messages: what is inside an archive lies below the archive's path.
 
     Attributes:
-        path: The directory or archive.
-        label: What the top is called.
+        source: The path on the disk, or of the archive.
+        is_on_disk: Whether it is, or would be, a file or directory of its own.
     """
 
-    path: Path
-    label: str
+    is_on_disk = True
+
+    def __init__(self, path: Path) -> None:
+        self.source = path
+
+    def __fspath__(self) -> str:
+        return str(self.source)
+
+    def __truediv__(self, name: str) -> TreePath:
+        """Returns the path of what lies below, parts separated by `/`; an absolute name is one on the disk."""
+        return TreePath(self.source / name)
 
     @property
-    def images(self) -> tuple[str, ...]:
-        """The names of all images, each once; hidden files are left out.
+    def name(self) -> str:
+        """The last part of the path; of an archive what it would be unpacked into."""
+        return self.source.absolute().name
 
-        Raises:
-            RouteError: A directory cannot be listed.
-        """
-        ...
+    @property
+    def parent(self) -> TreePath:
+        """What it lies in; the top of an archive lies in itself, as the top of a disk does."""
+        return TreePath(self.source.absolute().parent)
 
-    def locate(self, name: str) -> Path:
-        """Returns where a file or directory is, or would be, for messages."""
-        ...
+    def is_dir(self) -> bool:
+        """Says whether it is a directory."""
+        return os.path.isdir(self.source)  # noqa: PTH112 - also for names that no file system takes
 
-    def is_dir(self, name: str) -> bool:
-        """Says whether there is a directory of this name."""
-        ...
+    def is_file(self) -> bool:
+        """Says whether it is a file."""
+        return os.path.isfile(self.source)  # noqa: PTH113
 
-    def is_file(self, name: str) -> bool:
-        """Says whether there is a file of this name."""
-        ...
-
-    def children(self, name: str) -> Children:
-        """Lists a directory; one that does not exist is an error or empty.
+    def children(self) -> Children:
+        """Lists what lies in it.
 
         Raises:
             RouteError: It cannot be listed.
         """
-        ...
+        return Children(*map(natural_sorted, list_directory(self.source)))
 
-    def files(self, name: str) -> Iterator[str]:
-        """Yields the files below a directory, at any depth, by their names below it; hidden ones are left out.
+    def files(self) -> Iterator[str]:
+        """Yields the files below it, at any depth, by their names from here; hidden ones are left out.
+
+        Links are followed, and each directory is entered once. Those of a directory come before those of the
+        directories in it; those of an archive as they come.
 
         Raises:
             RouteError: A directory cannot be listed.
         """
-        ...
-
-    def open(self, name: str) -> IO[bytes]:
-        """Opens a file, such as a list or a table.
-
-        Raises:
-            OSError: It is missing or cannot be read.
-            RouteError: It lies in an archive and is too large to be held in memory, or two archives hold it.
-        """
-        ...
-
-    def read(self, names: Iterable[str]) -> Iterator[tuple[str, Content]]:
-        """Reads many files, in an order that suits the tree.
-
-        Raises:
-            RouteError: One of them cannot be read, or two archives hold it.
-        """
-        ...
-
-
-class FolderTree:
-    """What lies below a directory; links are followed, and each directory is entered once."""
-
-    def __init__(self, path: Path) -> None:
-        """Opens a directory, which is not listed yet."""
-        self.path = path
-        self.label = path.absolute().name
-
-    @cached_property
-    def images(self) -> tuple[str, ...]:
-        """The names of all images."""
-        return tuple(filter(is_image_name, self.files("")))
-
-    def locate(self, name: str) -> Path:
-        """Returns the path of a file or directory."""
-        return self.path / name
-
-    def is_dir(self, name: str) -> bool:
-        """Says whether there is a directory of this name."""
-        return _holds((self.path / name).is_dir)
-
-    def is_file(self, name: str) -> bool:
-        """Says whether there is a file of this name."""
-        return _holds((self.path / name).is_file)
-
-    def children(self, name: str) -> Children:
-        """Lists a directory."""
-        directory = at = self.path / name
-        kinds: dict[str, bool] = {}
-        try:
-            with os.scandir(directory) as entries:
-                for entry in entries:
-                    if not entry.name.startswith("."):
-                        at = directory / entry.name
-                        kinds[entry.name] = entry.is_dir()
-        except OSError as error:
-            if at.is_symlink():
-                raise RouteError(
-                    f"cannot follow the link {readable(at)}: {error.strerror or error}; remove it or mend it"
-                ) from error
-            raise RouteError(
-                f"cannot list {readable(directory)}: {error.strerror or error}; check the path and its permissions"
-            ) from error
-        ordered = natural_sorted(kinds)
-        return Children([name for name in ordered if kinds[name]], [name for name in ordered if not kinds[name]])
-
-    def files(self, name: str) -> Iterator[str]:
-        """Yields the files below a directory; those of a directory before those of the directories in it."""
         entered: set[tuple[int, int]] = set()
         waiting = [""]
         while waiting:
             below = waiting.pop()
-            inside = self.children(posixpath.join(name, below))
-            status = (self.path / name / below).stat()
+            inside = (self / below).children()
+            status = (self.source / below).stat()
             if (status.st_dev, status.st_ino) not in entered:
                 entered.add((status.st_dev, status.st_ino))
                 yield from (posixpath.join(below, file) for file in inside.files)
                 waiting += [posixpath.join(below, directory) for directory in reversed(inside.directories)]
 
-    def open(self, name: str) -> IO[bytes]:
-        """Opens a file."""
-        return (self.path / name).open("rb")
+    @cached_property
+    def images(self) -> tuple[str, ...]:
+        """The images below it, at any depth, by their names from here; errors as `files`."""
+        return tuple(filter(is_image_name, self.files()))
+
+    def open(self) -> IO[bytes]:
+        """Opens the file, such as a list or a table.
+
+        Raises:
+            RouteError: It is missing or cannot be read, or lies in an archive and is too large to be held in memory, or
+                two archives hold it.
+        """
+        try:
+            return self.source.open("rb")
+        except OSError as error:
+            raise RouteError(
+                f"cannot read {readable(self)}: {error.strerror or error}; check that the data set is whole"
+            ) from error
 
     def read(self, names: Iterable[str]) -> Iterator[tuple[str, Content]]:
-        """Yields the paths of the files, which are not opened, in the order given."""
-        for name in names:
-            yield name, self.path / name
+        """Yields many files below it, each with its name, in an order that suits where they lie.
+
+        Raises:
+            RouteError: One of them cannot be read, or two archives hold it.
+        """
+        return ((name, self.source / name) for name in names)
 
 
-def files_below(directory: Path, wanted: Callable[[str], bool], levels: int, prefix: str = "") -> Iterator[str]:
+def files_below(directory: Path, wanted: Callable[[str], bool], levels: int) -> Iterator[str]:
     """Yields the names of the files below a directory that are wanted, in natural order; hidden ones are left out.
 
     Args:
         directory: Where to look; links are followed.
         wanted: Says of a file's name whether it is.
         levels: How many levels of directories to look into below this one.
-        prefix: What to put before each name.
 
     Raises:
         RouteError: A directory cannot be listed.
     """
-    directories, files = FolderTree(directory).children("")
-    yield from (prefix + name for name in files if wanted(name))
+    directories, files = TreePath(directory).children()
+    yield from filter(wanted, files)
     if levels:
-        for name in directories:
-            yield from files_below(directory / name, wanted, levels - 1, f"{prefix}{name}/")
+        for below in directories:
+            yield from (f"{below}/{name}" for name in files_below(directory / below, wanted, levels - 1))
 
 
-def is_image_name(name: str) -> bool:
-    """Says whether a file's name ends as an image's does, in capitals or not."""
-    return name.lower().endswith(_ENDINGS)
+def image_names(directory: TreePath) -> list[str]:
+    """Lists the images in a directory and its sub-directories; hidden ones are left out, no image is opened.
 
+    Args:
+        directory: Where to look. Links to directories are followed, each directory is entered once.
 
-def _holds(question: Callable[[], bool]) -> bool:
-    """Answers no for a name that is too long, or that no file system takes."""
+    Returns:
+        Paths from `directory` with `/`, in natural order of the stems they get.
+
+    Raises:
+        RouteError: The directory does not exist, cannot be listed, holds no image, or a name that is not UTF-8.
+    """
+    if not directory.is_dir():
+        problem = "is not a directory" if directory.is_file() else "does not exist"
+        raise RouteError(f"{readable(directory)} {problem}; give the directory of the data set, or its archive")
+    if not directory.images:
+        raise RouteError(
+            f"{readable(directory)} holds no file that ends in {', '.join(_ENDINGS)}; put the images there"
+        )
     try:
-        return question()
-    except (OSError, ValueError):
-        return False
+        "".join(directory.images).encode("utf-8")
+    except UnicodeEncodeError as error:
+        foreign = min(name for name in directory.images if any("\udc80" <= letter <= "\udcff" for letter in name))
+        raise RouteError(f"the name of {readable(directory / foreign)} is not UTF-8; rename it") from error
+    return sorted(directory.images, key=lambda name: natural_key(stem_of(name)))
+
+
+def stem_of(name: str) -> str:
+    """Returns the stem of an image in a route: its path without the ending, `night/7.jpg` as `night-7`."""
+    folder, slash, last = name.rpartition("/")
+    stem = last.rpartition(".")[0] or last
+    return (folder + slash + stem).replace("/", "-").lstrip(".") or "-"
+
+
+def by_stem(directory: TreePath, names: Iterable[str], prefix: str = "") -> dict[str, str]:
+    """Returns the names by the stems they get, in the order given.
+
+    Args:
+        directory: Where the images are, for the message.
+        names: Paths from there.
+        prefix: Put before each stem.
+
+    Raises:
+        RouteError: Two names get the same stem.
+    """
+    found: dict[str, str] = {}
+    for name in names:
+        stem = prefix + stem_of(name)
+        if found.setdefault(stem, name) != name:
+            raise RouteError(
+                f"{found[stem]!r} and {name!r} in {readable(directory)} would both be the frame {stem!r}; keep one of "
+                "them, or rename it"
+            )
+    return found
+
+
+def read_files(directory: TreePath, names: Mapping[str, _Item], where: str = "") -> Iterator[tuple[_Item, Content]]:
+    """Reads files, in an order that suits where they lie.
+
+    Args:
+        directory: Where they are.
+        names: What each of them is, by path from there.
+        where: The list that names them, for the message; empty: they are known to be there.
+
+    Yields:
+        What a file is, and its content.
+
+    Raises:
+        RouteError: There is no such file, or it cannot be read.
+    """
+
+    def there() -> Iterator[str]:
+        for name in names:
+            if where and not (directory / name).is_file():
+                raise RouteError(
+                    f"{readable(directory / name)} does not exist, but {where} names it; complete the data set or "
+                    "correct the list"
+                )
+            yield name
+
+    for name, content in directory.read(there()):
+        yield names[name], content
+
+
+def read_frames(directory: TreePath, names: Mapping[str, str], where: str = "") -> Iterator[ForeignFrame]:
+    """Reads the frames of which nothing is known but their stems, as `read_files`.
+
+    Args:
+        directory: Where they are.
+        names: Paths from there, by stem.
+        where: The list that names them, for the message; empty: they are known to be there.
+    """
+    stems = {name: stem for stem, name in names.items()}
+    return (ForeignFrame(stem, content) for stem, content in read_files(directory, stems, where))

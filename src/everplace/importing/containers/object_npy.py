@@ -1,36 +1,33 @@
 """Arrays of Python objects in .npy files, read without running what a stranger put into them.
 
-NumPy writes such an array as a pickle, and an ordinary unpickler calls whatever function the pickle names. The
-one here knows the names of NumPy's array constructors and nothing else, and puts its own plain functions in
-their place, which build lists of numbers: not even NumPy's own constructors run on a stranger's bytes.
+NumPy writes such an array as a pickle, and an ordinary unpickler calls whatever function the pickle names. The one here
+knows the names of NumPy's array constructors and nothing else. What stands behind these names is our own, because
+NumPy's take a stranger's word for how much memory to reserve.
 """
 
 from __future__ import annotations
 
 import io
-import math
 import pickle
 import pickletools
+import re
 import warnings
-from collections.abc import Callable
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.tree_path import AnyPath
+from everplace.importing.containers.file_trees import TreePath
 
 __all__ = ["read_object_array"]
 
 _LARGEST = 1 << 28
 _DEEPEST = 4
-_NUMBERS = frozenset(["b1", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f2", "f4", "f8"])
-_OBJECTS = frozenset({"O", "O4", "O8"})
-_PUTS = frozenset({"PUT", "BINPUT", "LONG_BINPUT"})
+_TYPES = re.compile("b1|[iuf][1248]|O[48]?")
 
 
-def read_object_array(path: AnyPath) -> list[Any]:
+def read_object_array(path: TreePath) -> list[Any]:
     """Reads an array of lists and numbers, of the object type or of plain numbers.
 
     Args:
@@ -43,25 +40,22 @@ def read_object_array(path: AnyPath) -> list[Any]:
         RouteError: The file is missing, damaged, or holds more than arrays, lists and numbers.
     """
     try:
-        with path.open("rb") as file:
+        with path.open() as file:
             data = file.read(_LARGEST + 1)
         if len(data) > _LARGEST:
             raise RouteError(f"{readable(path)} is larger than {_LARGEST} bytes; it is no list of matches")
-        # From memory: there a length that a file only claims to have costs nothing.
-        content = io.BytesIO(data)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # NumPy's advice to save again what Python 2 wrote
-            return _read(path, content)
-    except OSError as error:
-        raise RouteError(
-            f"cannot read {readable(path)}: {error.strerror or error}; check that the data set is whole"
-        ) from error
+            array = _plain(_read(data), {})
     except pickle.UnpicklingError as error:
         raise RouteError(f"{readable(path)} is damaged or unsafe: {_one_line(error)}; get it again") from error
     except RouteError:
         raise
     except Exception as error:  # broken bytes make an unpickler raise nearly anything
         raise RouteError(f"{readable(path)} is not a whole .npy file ({_one_line(error)}); get it again") from error
+    if not isinstance(array, list):
+        raise RouteError(f"{readable(path)} holds a single value and no array; get the right file")
+    return array
 
 
 def _one_line(error: Exception) -> str:
@@ -69,150 +63,76 @@ def _one_line(error: Exception) -> str:
     return (" ".join(str(error).split()) or type(error).__name__)[:200]
 
 
-def _read(path: AnyPath, file: IO[bytes]) -> list[Any]:
-    version = np.lib.format.read_magic(file)
-    if version == (1, 0):
-        shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
-    else:
-        shape, fortran, dtype = np.lib.format.read_array_header_2_0(file)
-    array = _Array()
-    if dtype.hasobject:
-        _require_modest(file)
-        loaded = _Unpickler(file).load()
-        if not isinstance(loaded, _Array):
-            raise pickle.UnpicklingError("what it holds is no array")
-        array = loaded
-    else:
-        kind = _Dtype(dtype.str[1:])
-        kind.__setstate__((3, dtype.str[0]))
-        array.__setstate__((1, tuple(shape), kind, fortran, file.read()))
-    plain = _plain(array, {})
-    if not isinstance(plain, list):
-        raise RouteError(f"{readable(path)} holds a single value and no array; get the right file")
-    return plain
+def _read(data: bytes) -> _Array:
+    file = io.BytesIO(data)
+    header = np.lib.format
+    read_header = header.read_array_header_1_0 if header.read_magic(file) == (1, 0) else header.read_array_header_2_0
+    shape, fortran, dtype = read_header(file)
+    content = file.read()
+    if not dtype.hasobject:
+        return _Array().fill(shape, _Type(dtype.str[1:], dtype.str[0]), fortran, content)
+    # A pickle that names a length or a place in the memo beyond its own size would cost memory. For lengths `genops`
+    # raises ValueError.
+    for opcode, argument, _ in pickletools.genops(content):
+        if "PUT" in opcode.name and int(argument or 0) > len(data):
+            raise pickle.UnpicklingError("it wants to remember more values than it holds")
+    array = _Unpickler(io.BytesIO(content), encoding="latin1").load()  # what Python 2 wrote as str is bytes
+    if not isinstance(array, _Array):
+        raise pickle.UnpicklingError("what it holds is no array")
+    return array
 
 
-class _Dtype:
+class _Type:
     """Stands for a numpy.dtype of numbers or objects."""
 
-    __slots__ = ("name", "order")
-
-    def __init__(self, name: object) -> None:
-        if not isinstance(name, str) or name not in _NUMBERS | _OBJECTS:
+    def __init__(self, name: object, order: str = "=") -> None:
+        if not isinstance(name, str) or not _TYPES.fullmatch(name):
             raise pickle.UnpicklingError(f"it holds values of the type {str(name)[:40]!r}")
-        self.name = name
-        self.order = "<"
+        self.dtype = np.dtype(object if name[0] == "O" else order + name)
 
     def __setstate__(self, state: Any) -> None:
-        if state[1] not in {"<", ">", "|", "="}:
-            raise pickle.UnpicklingError("it holds a byte order that does not exist")
-        self.order = state[1]
-
-    def numbers(self, data: object) -> list[Any]:
-        """Reads numbers from bytes, or from the text that Python 2 made of them."""
-        plain = data.encode("latin1") if isinstance(data, str) else data
-        if self.name in _OBJECTS or not isinstance(plain, bytes | bytearray):
-            raise pickle.UnpicklingError("it holds an array without its numbers")
-        numbers: list[Any] = np.frombuffer(plain, dtype=np.dtype(self.order + self.name)).tolist()
-        return numbers
+        self.dtype = self.dtype.newbyteorder(state[1])
 
 
 class _Array:
     """Stands for a numpy.ndarray."""
 
-    __slots__ = ("fortran", "shape", "values")
-
-    def __init__(self) -> None:
-        self.values: list[Any] = []
-        self.shape: tuple[int, ...] = (0,)
-        self.fortran = False
+    def fill(self, shape: Any, kind: Any, fortran: object, data: Any) -> _Array:
+        """Takes values as a list of objects, row by row, or as the bytes of numbers; Python 2 made text of these."""
+        if kind.dtype.hasobject:
+            self.values = np.fromiter(data, dtype=object, count=len(data))
+        else:
+            self.values = np.frombuffer(data.encode("latin1") if isinstance(data, str) else data, kind.dtype)
+        self.values = self.values.reshape(shape, order="F" if fortran and not kind.dtype.hasobject else "C")
+        return self
 
     def __setstate__(self, state: Any) -> None:
-        shape, kind, fortran, data = state[-4:]
-        if not isinstance(kind, _Dtype) or not isinstance(shape, tuple) or not all(type(n) is int for n in shape):
-            raise pickle.UnpicklingError("it holds an array without shape or type")
-        objects = isinstance(data, list) and kind.name in _OBJECTS
-        values = data if objects else kind.numbers(data)
-        if min(shape, default=0) < 0 or math.prod(shape) != len(values):
-            raise pickle.UnpicklingError(f"it holds an array of shape {shape} with {len(values)} values")
-        # Objects are listed row by row, whatever the order in memory was; numbers are not.
-        self.values, self.shape, self.fortran = values, shape, bool(fortran) and not objects
-
-    def nested(self) -> Any:
-        """Returns lists of lists; of an array without dimensions its value."""
-        if not self.shape:
-            return self.values[0]
-        rows = self.values
-        if self.fortran and len(self.shape) > 1:
-            order = np.arange(len(rows)).reshape(self.shape, order="F").ravel()
-            rows = [rows[index] for index in order]
-        for width in reversed(self.shape[1:]):
-            rows = [rows[start : start + width] for start in range(0, len(rows), width)] if width else []
-        return rows
+        self.fill(*state[-4:])
 
 
 class _Unpickler(pickle.Unpickler):
     """Builds arrays, lists and numbers, and refuses every other name that a pickle calls."""
 
-    def __init__(self, file: IO[bytes]) -> None:
-        super().__init__(file, encoding="latin1")  # what Python 2 wrote as str is bytes
-        self._known = _constructors()
-
     def find_class(self, module: str, name: str) -> Any:
-        """Returns a stand-in for one of NumPy's array constructors.
+        """Returns what stands for one of NumPy's array constructors, made anew: a pickle can set attributes on it.
 
         Raises:
             pickle.UnpicklingError: It is anything else; nothing was imported.
         """
-        known = self._known.get((module.replace("numpy._core.", "numpy.core."), name))
-        if known is None:
-            raise pickle.UnpicklingError(f"it wants to call {module[:60]}.{name[:60]}, which no array of numbers needs")
-        return known
-
-
-def _constructors() -> dict[tuple[str, str], Any]:
-    """Returns the stand-ins, made anew for each file: a pickle can set attributes on what it is given."""
-
-    def reconstruct(*_: object) -> _Array:
-        return _Array()
-
-    def dtype(name: object, *_: object) -> _Dtype:
-        return _Dtype(name)
-
-    def scalar(kind: object, data: object) -> Any:
-        if not isinstance(kind, _Dtype):
-            raise pickle.UnpicklingError("it holds a number without type")
-        (value,) = kind.numbers(data)
-        return value
-
-    def from_buffer(data: object, kind: object, shape: object, order: object) -> _Array:
-        array = _Array()
-        array.__setstate__((shape, kind, order == "F", bytes(data) if isinstance(data, bytearray) else data))
-        return array
-
-    def encode(text: str, *_: object) -> bytes:
-        return text.encode("latin1")
-
-    known: dict[tuple[str, str], Callable[..., Any] | str] = {
-        ("numpy.core.multiarray", "_reconstruct"): reconstruct,
-        ("numpy.core.multiarray", "scalar"): scalar,
-        ("numpy.core.numeric", "_frombuffer"): from_buffer,
-        ("numpy", "ndarray"): "ndarray",
-        ("numpy", "dtype"): dtype,
-        ("_codecs", "encode"): encode,
-    }
-    return known
-
-
-def _require_modest(file: IO[bytes]) -> None:
-    """Refuses a pickle that names a length or a place in the memo beyond its own size, which costs memory."""
-    start = file.tell()
-    size = file.seek(0, io.SEEK_END)
-    file.seek(start)
-    for opcode, argument, _ in pickletools.genops(file):  # raises ValueError where fewer bytes follow than claimed
-        if opcode.name in _PUTS and int(argument or 0) > size:
-            raise pickle.UnpicklingError("it wants to remember more values than it holds")
-    file.seek(start)
+        match module.replace("numpy._core.", "numpy.core."), name:
+            case "numpy", "ndarray":
+                return "ndarray"  # only ever handed to the next one
+            case "numpy.core.multiarray", "_reconstruct":
+                return lambda *_: _Array()
+            case "numpy", "dtype":
+                return lambda name, *_: _Type(name)
+            case "numpy.core.multiarray", "scalar":
+                return lambda kind, data: _Array().fill((), kind, False, data)
+            case "numpy.core.numeric", "_frombuffer":
+                return lambda data, kind, shape, order: _Array().fill(shape, kind, order == "F", data)
+            case "_codecs", "encode":
+                return lambda text, *_: text.encode("latin1")
+        raise pickle.UnpicklingError(f"it wants to call {module[:60]}.{name[:60]}, which no array of numbers needs")
 
 
 def _plain(value: Any, done: dict[int, Any], depth: int = 0) -> Any:
@@ -222,9 +142,11 @@ def _plain(value: Any, done: dict[int, Any], depth: int = 0) -> Any:
     if not isinstance(value, _Array | list | tuple) or depth > _DEEPEST:
         raise pickle.UnpicklingError("it holds more than lists of numbers")
     if id(value) not in done:
-        items = value.nested() if isinstance(value, _Array) else value
-        if not isinstance(items, list | tuple):
-            return _plain(items, done, depth + 1)
+        items: Any = value
+        if isinstance(value, _Array):
+            items = value.values.tolist() if value.values.size else []
+            if not isinstance(items, list):
+                return _plain(items, done, depth + 1)
         # The value is kept with its list, so that no other object gets its id.
         done[id(value)] = value, [_plain(item, done, depth + 1) for item in items]
     return done[id(value)][1]

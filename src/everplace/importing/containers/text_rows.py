@@ -11,7 +11,7 @@ from pathlib import PurePosixPath
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.tree_path import AnyPath
+from everplace.importing.containers.file_trees import TreePath
 
 __all__ = ["TextRow", "read_rows"]
 
@@ -29,7 +29,7 @@ class TextRow:
         fields: What stands in it.
     """
 
-    path: AnyPath
+    path: TreePath
     number: int
     fields: list[str]
 
@@ -97,7 +97,7 @@ class TextRow:
         return value
 
 
-def read_rows(path: AnyPath, separator: str | None = None) -> Iterator[TextRow]:
+def read_rows(path: TreePath, separator: str | None = None) -> Iterator[TextRow]:
     """Reads the lines of a UTF-8 text file; empty lines and those that begin with `#` are passed over.
 
     Args:
@@ -108,7 +108,7 @@ def read_rows(path: AnyPath, separator: str | None = None) -> Iterator[TextRow]:
         RouteError: The file is missing, cannot be read, is no UTF-8 text or has an endless line.
     """
     try:
-        with path.open("rb") as data, io.TextIOWrapper(data, encoding="utf-8-sig") as file:
+        with path.open() as data, io.TextIOWrapper(data, encoding="utf-8-sig") as file:
             for number, line in enumerate(iter(lambda: file.readline(_MOST_CHARACTERS), ""), start=1):
                 if len(line) == _MOST_CHARACTERS:
                     raise RouteError(
@@ -119,9 +119,5 @@ def read_rows(path: AnyPath, separator: str | None = None) -> Iterator[TextRow]:
                 if text and not text.startswith("#"):
                     fields = text.split(separator)
                     yield TextRow(path, number, [field.strip() for field in fields] if separator else fields)
-    except OSError as error:
-        raise RouteError(
-            f"cannot read {readable(path)}: {error.strerror or error}; check that the data set is whole"
-        ) from error
     except UnicodeDecodeError as error:
         raise RouteError(f"{readable(path)} is not a UTF-8 text file ({error}); export it again") from error

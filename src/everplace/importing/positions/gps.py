@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,6 +12,7 @@ from numpy.typing import NDArray
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.positions.geodesy import local_plane, track_headings
+from everplace.route.csv_table import CsvTable
 
 __all__ = ["GpsTrack", "poses_on_track", "read_gps"]
 
@@ -59,14 +58,29 @@ def read_gps(path: Path) -> GpsTrack:
         RouteError: The file is missing or malformed, holds a number that cannot be, goes back in time, names a
             frame twice, or is empty.
     """
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            track = _read(path, csv.reader(file, strict=True))
-    except OSError as error:
-        raise RouteError(f"cannot read {readable(path)}: {error.strerror or error}; check the GPS file") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise RouteError(f"{readable(path)} is not a UTF-8 CSV file ({error}); export it again") from error
-    return track
+    table = CsvTable(path, remedy="check the GPS file")
+    columns = _columns(table)
+    degrees = "latitude" in columns
+    key = "frame" if "frame" in columns else "seconds"
+    timed = [columns[key]] if key == "seconds" else []
+    plane = [columns[name] for name in (("latitude", "longitude") if degrees else ("x", "y"))]
+    frames: list[str] = []
+    values: list[list[float]] = []
+    for row in table:
+        *seconds, first, second = row.floats([*timed, *plane], f"{key} and two numbers", "leave the row out")
+        if degrees and (abs(first) > 90 or abs(second) > 360):
+            raise row.wrong(f"holds {first}, {second}, no latitude and longitude; are the columns swapped?")
+        if seconds and values and seconds[0] <= values[-1][0]:
+            raise row.wrong("goes back in time; order the rows by time and give each time once")
+        frames.append(row.cells[columns[key]].strip())
+        values.append([*seconds, first, second])
+    if not values:
+        raise RouteError(f"{readable(path)} holds no position; export it again, or leave it out")
+    if not timed and len(set(frames)) < len(frames):
+        raise RouteError(f"{readable(path)} names a frame twice; keep one position for each")
+    array = np.array(values)
+    times = array[:, 0] if timed else None
+    return GpsTrack(path, () if timed else tuple(frames), times, array[:, -2:], degrees)
 
 
 def poses_on_track(
@@ -117,57 +131,17 @@ def poses_on_track(
     return poses
 
 
-def _read(path: Path, lines: Iterator[list[str]]) -> GpsTrack:
-    columns = _columns(path, [name.strip().lower() for name in next(lines, [])])
-    degrees = "latitude" in columns
-    key = "frame" if "frame" in columns else "seconds"
-    wanted = ("latitude", "longitude") if degrees else ("x", "y")
-    keys: list[str] = []
-    positions: list[tuple[float, float]] = []
-    seconds: list[float] = []
-    for row, line in enumerate(lines, start=2):
-        if not line:
-            continue
-        where = f"{readable(path)}, row {row}"
-        try:
-            name = line[columns[key]].strip()
-            first, second = (float(line[columns[part]]) for part in wanted)
-            time = float(name) if key == "seconds" else 0.0
-        except (IndexError, ValueError) as error:
-            raise RouteError(f"{where} must hold {key} and two numbers; correct it") from error
-        if not all(map(math.isfinite, (first, second, time))):
-            raise RouteError(f"{where} holds a number that is not finite; leave the row out")
-        if degrees and (abs(first) > 90 or abs(second) > 360):
-            raise RouteError(f"{where}: {first}, {second} is no latitude and longitude; are the columns swapped?")
-        if seconds and key == "seconds" and time <= seconds[-1]:
-            raise RouteError(f"{where} goes back in time; order the rows by time and give each time once")
-        keys.append(name)
-        seconds.append(time)
-        positions.append((first, second))
-    if not positions:
-        raise RouteError(f"{readable(path)} holds no position; export it again, or leave it out")
-    if key == "frame" and len(set(keys)) < len(keys):
-        raise RouteError(f"{readable(path)} names a frame twice; keep one position for each")
-    return GpsTrack(
-        path,
-        tuple(keys) if key == "frame" else (),
-        np.array(seconds) if key == "seconds" else None,
-        np.array(positions),
-        degrees,
-    )
-
-
-def _columns(path: Path, header: list[str]) -> dict[str, int]:
-    """Returns the column of each quantity that the header names."""
-    columns = {
-        quantity: header.index(name) for quantity, names in _NAMES.items() for name in names[::-1] if name in header
-    }
+def _columns(table: CsvTable) -> dict[str, str]:
+    """Returns what the column of each quantity is called."""
+    known = {name.lower(): name for name in reversed(table.columns)}
+    columns = {quantity: known[name] for quantity, names in _NAMES.items() for name in reversed(names) if name in known}
     keyed = "frame" in columns or "seconds" in columns
-    if not keyed or not ({"latitude", "longitude"} <= set(columns) or {"x", "y"} <= set(columns)):
+    on_earth = {"latitude", "longitude"} <= set(columns)
+    if not keyed or not (on_earth or {"x", "y"} <= set(columns)):
         raise RouteError(
-            f"{readable(path)} must name stem or seconds, and latitude and longitude or x and y, in its first line; "
-            "add the header"
+            f"{readable(table.path)} must name stem or seconds, and latitude and longitude or x and y, in its first "
+            "line; add the header"
         )
-    if not {"latitude", "longitude"} <= set(columns):
+    if not on_earth:
         columns.pop("latitude", None)
     return columns

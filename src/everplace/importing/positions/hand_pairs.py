@@ -11,7 +11,6 @@ each, and a cell may be empty:
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from everplace.errors import RouteError
 from everplace.files import readable
+from everplace.route.csv_table import CsvTable
 
 __all__ = ["read_pairs"]
 
@@ -43,28 +43,22 @@ def read_pairs(path: Path, reference: str, drives: Mapping[str, Sequence[str]]) 
         RouteError: The file is missing or malformed, names a drive or frame that does not exist, goes back, or
             has fewer than two pairs for a drive.
     """
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = [(number, line) for number, line in enumerate(csv.reader(file, strict=True), start=1) if line]
-    except OSError as error:
-        raise RouteError(f"cannot read {readable(path)}: {error.strerror or error}; check --pairs") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise RouteError(f"{readable(path)} is not a UTF-8 CSV file ({error}); export it again") from error
-    columns = _columns(path, [name.strip() for name in lines[0][1]] if lines else [], reference, drives)
+    table = CsvTable(path, remedy="check --pairs")
+    columns = _columns(table, reference, drives)
     numbers = {name: {stem: number for number, stem in enumerate(drives[name])} for name in columns}
     found: dict[str, list[tuple[int, int]]] = {name: [] for name in columns if name != reference}
-    for row, line in lines[1:]:
-        cells = {name: line[column].strip() if column < len(line) else "" for name, column in columns.items()}
+    for row in table:
+        cells = {name: row.cells[column].strip() for name, column in columns.items()}
         for name, stem in cells.items():
             if stem and stem not in numbers[name]:
-                raise RouteError(f"{readable(path)}, row {row}: {name!r} has no frame {stem!r}; correct the stem")
+                raise row.wrong(f"names the frame {stem!r}, which {name!r} does not have; correct the stem")
         for name, pairs in found.items():
             if cells[reference] and cells[name]:
                 pair = (numbers[reference][cells[reference]], numbers[name][cells[name]])
                 if pairs and (pair[0] <= pairs[-1][0] or pair[1] <= pairs[-1][1]):
-                    raise RouteError(
-                        f"{readable(path)}, row {row}: the pair {cells[reference]!r}, {cells[name]!r} goes back or "
-                        "stays; order the pairs along the route and give each frame once"
+                    raise row.wrong(
+                        f"holds the pair {cells[reference]!r}, {cells[name]!r}, which goes back or stays; order the "
+                        "pairs along the route and give each frame once"
                     )
                 pairs.append(pair)
     for name, pairs in found.items():
@@ -76,16 +70,16 @@ def read_pairs(path: Path, reference: str, drives: Mapping[str, Sequence[str]]) 
     return {name: np.array(pairs, np.int64) for name, pairs in found.items()}
 
 
-def _columns(path: Path, header: list[str], reference: str, drives: Mapping[str, Sequence[str]]) -> dict[str, int]:
+def _columns(table: CsvTable, reference: str, drives: Mapping[str, Sequence[str]]) -> dict[str, str]:
     """Returns the column of each drive."""
     others = [name for name in drives if name != reference]
-    if header[:2] == _TWO and len(others) == 1:
-        header = [reference, others[0]]
-    missing = [name for name in drives if name not in header]
+    if table.columns[:2] == _TWO and len(others) == 1:
+        return {reference: _TWO[0], others[0]: _TWO[1]}
+    missing = [name for name in drives if name not in table.columns]
     if missing:
         example = readable(",".join([reference, *others]))
         raise RouteError(
-            f"{readable(path)} has no column for {missing[0]!r} in its first line; it must name the drives, like "
+            f"{readable(table.path)} has no column for {missing[0]!r} in its first line; it must name the drives, like "
             f"{example}"
         )
-    return {name: header.index(name) for name in drives}
+    return {name: name for name in drives}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +14,9 @@ from everplace.files import readable
 from everplace.importing.foreign_route import ForeignFrame
 from everplace.importing.positions.trajectory import Trajectory, plane_poses
 from everplace.importing.recording import RecordingOptions
-from everplace.route.csv_table import read_table
+from everplace.route.csv_table import CsvTable
 from everplace.route.natural_order import natural_sorted
 from everplace.route.traverse import Pose
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 __all__ = [
     "BODY_AXIS",
@@ -60,7 +56,11 @@ class PoseTrack:
 
 def planar_track(origin: str, seconds: NDArray[np.float64], poses: NDArray[np.float64]) -> PoseTrack:
     """Makes a track of N times and N×3 poses x, y, heading; N is at least 1."""
-    return PoseTrack(origin, Trajectory.of(seconds.tolist(), _in_space(poses).tolist(), _turned(poses[:, 2])))
+    from scipy.spatial.transform import Rotation
+
+    positions = np.column_stack([poses[:, :2], np.zeros(len(poses))])
+    turns = Rotation.from_euler("z", poses[:, 2:])
+    return PoseTrack(origin, Trajectory.of(seconds.tolist(), positions.tolist(), turns))
 
 
 def with_poses(
@@ -103,7 +103,8 @@ def read_pose_track(path: Path) -> PoseTrack:
     Raises:
         RouteError: The file cannot be read, lacks a column, holds a number that is not finite, or no row at all.
     """
-    rows = [row.numbers for row in read_table(path, "seconds", ("seconds", *_PLANE), "check the file")]
+    columns = ("seconds", *_PLANE)
+    rows = [row.floats(columns, "four numbers") for row in CsvTable(path, columns)]
     if not rows:
         raise RouteError(f"{readable(path)} holds no pose; add rows or remove the file")
     table = np.array(rows, dtype=np.float64)
@@ -121,10 +122,11 @@ def read_named_poses(path: Path) -> dict[str, Pose]:
             no row at all, or its stems are not in natural order.
     """
     named: dict[str, Pose] = {}
-    for row in read_table(path, "stem", _PLANE, "check the file"):
-        if row.key in named:
-            raise row.wrong(f"names the stem {row.key!r} a second time; keep one pose for each frame")
-        named[row.key] = Pose(*row.numbers)
+    for row in CsvTable(path, ("stem", *_PLANE)):
+        stem = row.cells["stem"]
+        if stem in named:
+            raise row.wrong(f"names the stem {stem!r} a second time; keep one pose for each frame")
+        named[stem] = Pose(*row.floats(_PLANE, "a stem and three numbers"))
     if not named:
         raise RouteError(f"{readable(path)} holds no pose; add rows or remove the file")
     if natural_sorted(named) != list(named):
@@ -157,13 +159,3 @@ def named_by_poses(frames: Iterator[ForeignFrame], poses: dict[str, Pose], path:
             f"{readable(path)} has {len(poses)} rows, but there are only {count} frames; give a row for each frame, "
             "or a column seconds instead of stem"
         )
-
-
-def _in_space(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.column_stack([poses[:, :2], np.zeros(len(poses))])
-
-
-def _turned(headings: NDArray[np.float64]) -> Rotation:
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_euler("z", headings[:, np.newaxis])

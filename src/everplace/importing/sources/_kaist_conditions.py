@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from everplace.errors import ConfigError
+from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
+from everplace.route.csv_table import CsvTable
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -59,32 +59,22 @@ def condition_of(table: dict[str, str], key: str) -> str:
 
 def _from_file(path: Path) -> dict[str, str]:
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        rows = _toml_rows(text) if path.suffix.lower() == ".toml" else _csv_rows(text)
+        if path.suffix.lower() == ".toml":
+            table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        else:
+            columns = ("sequence", "condition")
+            table = {row.cells[columns[0]].strip(): row.cells[columns[1]].strip() for row in CsvTable(path, columns)}
     except OSError as error:
         raise ConfigError(f"cannot read {readable(path)}: {error.strerror or error}; check conditions=") from error
-    except (ValueError, RecursionError, csv.Error) as error:
+    except (ValueError, RecursionError, RouteError) as error:
+        reason = str(error).partition(";")[0]
         raise ConfigError(
-            f"{readable(path)} is not a table of sequences and conditions ({error}); correct it"
+            f"{readable(path)} is not a table of sequences and conditions ({reason}); correct it"
         ) from error
-    return rows
-
-
-def _toml_rows(text: str) -> dict[str, str]:
-    table = tomllib.loads(text)
     for key, value in table.items():
-        if not isinstance(value, str) or not value:
-            raise ValueError(f"{key!r} must be a text, like {key!r} = 'day'")
-    return table
-
-
-def _csv_rows(text: str) -> dict[str, str]:
-    lines = [line for line in csv.reader(text.splitlines(), strict=True) if line]
-    if not lines or [name.strip() for name in lines[0][:2]] != ["sequence", "condition"]:
-        raise ValueError("its first line must be sequence,condition")
-    table: dict[str, str] = {}
-    for line in lines[1:]:
-        if len(line) < 2 or not line[0].strip() or not line[1].strip():
-            raise ValueError(f"the line {','.join(line)!r} must hold a sequence and a condition")
-        table[line[0].strip()] = line[1].strip()
+        if not key or not isinstance(value, str) or not value:
+            raise ConfigError(
+                f"{readable(path)} is not a table of sequences and conditions ({key!r} must have a text, like 'day'); "
+                "correct it"
+            )
     return table

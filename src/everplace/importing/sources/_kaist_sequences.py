@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Collection, Iterator
-from collections.abc import Sequence as Items
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,121 +14,43 @@ from PIL.TiffImagePlugin import TiffImageFile
 
 from everplace.errors import ConfigError, ImageError, RouteError
 from everplace.files import readable
-from everplace.images.decoding import BROKEN_IMAGE_ERRORS, IMAGE_ENDINGS, MAX_PIXELS, read_image_bytes
-from everplace.importing.containers.seq import SeqFile, open_seq
+from everplace.images.decoding import BROKEN_IMAGE_ERRORS, MAX_PIXELS, is_image_name, read_image_bytes
+from everplace.importing.containers.file_trees import TreePath, by_stem
+from everplace.importing.containers.seq import open_seq
 from everplace.importing.foreign_route import Content
-from everplace.route.natural_order import natural_key, natural_sorted
+from everplace.route.natural_order import natural_sorted
 
-__all__ = ["Sequence", "find_sequences", "visible_channels"]
+__all__ = ["KaistSequence", "find_sequences", "visible_channels"]
 
 _SET = re.compile(r"set[0-9]+", re.IGNORECASE)
 _VIDEO = re.compile(r"(?:visible_)?(V[0-9]+)(?:\.seq)?", re.IGNORECASE)
 _VISIBLE = "visible"
 
 
-class Sequence(Protocol):
+@dataclass(frozen=True)
+class KaistSequence:
     """One drive.
 
     Attributes:
-        set: The directory of its set, such as set00.
-        video: Its number in the set, such as V000.
+        key: Its set and its number there, such as set00/V000.
         frames: The names of its frames, such as I00000, in the order of travel.
+        read: Reads the frames of given numbers one by one, each with its time (NaN: not known).
+        seconds: Reads when each frame was taken; None if nobody knows.
         notes: Sentences that the user should read.
     """
 
-    @property
-    def set(self) -> str: ...
-
-    @property
-    def video(self) -> str: ...
-
-    @property
-    def frames(self) -> Items[str]: ...
-
-    @property
-    def notes(self) -> tuple[str, ...]: ...
-
-    @property
-    def key(self) -> str:
-        """`SET/VIDEO`."""
-        ...
+    key: str
+    frames: Sequence[str] = field(repr=False)
+    read: Callable[[Sequence[int]], Iterator[tuple[Content, float]]] = field(repr=False)
+    seconds: Callable[[], NDArray[np.float64] | None] = field(repr=False)
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Returns the number of frames."""
-        ...
-
-    def seconds(self) -> NDArray[np.float64] | None:
-        """Returns when each frame was taken, or None if nobody knows."""
-        ...
-
-    def read(self, indices: Items[int]) -> Iterator[tuple[Content, float]]:
-        """Reads frames one by one, each with its time (NaN: not known)."""
-        ...
+        return len(self.frames)
 
 
-@dataclass(frozen=True)
-class _Video:
-    set: str
-    video: str
-    file: SeqFile = field(repr=False)
-
-    @property
-    def key(self) -> str:
-        return f"{self.set}/{self.video}"
-
-    @property
-    def frames(self) -> Items[str]:
-        return [f"I{number:05d}" for number in range(len(self.file))]
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        if not self.file.missing:
-            return ()
-        announced = len(self.file) + self.file.missing
-        return (
-            f"{readable(self.file.path)} is damaged or was cut off: {self.file.missing} of its {announced} frames are "
-            f"lost, the first {len(self.file)} were kept.",
-        )
-
-    def __len__(self) -> int:
-        return len(self.file)
-
-    def seconds(self) -> NDArray[np.float64] | None:
-        return np.array(self.file.seconds())
-
-    def read(self, indices: Items[int]) -> Iterator[tuple[Content, float]]:
-        for frame in self.file.frames(indices):
-            yield frame.content, frame.seconds
-
-
-@dataclass(frozen=True)
-class _Images:
-    set: str
-    video: str
-    directory: Path
-    names: tuple[str, ...] = field(repr=False)
-    notes: tuple[str, ...] = ()
-
-    @property
-    def key(self) -> str:
-        return f"{self.set}/{self.video}"
-
-    @property
-    def frames(self) -> Items[str]:
-        return [name.rpartition(".")[0] for name in self.names]
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    def seconds(self) -> NDArray[np.float64] | None:
-        return None
-
-    def read(self, indices: Items[int]) -> Iterator[tuple[Content, float]]:
-        for index in indices:
-            yield visible_channels(self.directory / self.names[index]), float("nan")
-
-
-def find_sequences(source: Path, form: str, wanted: Collection[str]) -> list[Sequence]:
+def find_sequences(source: Path, form: str, wanted: Collection[str]) -> list[KaistSequence]:
     """Finds the sequences of a copy and opens them; of videos, all frames are located.
 
     Args:
@@ -145,9 +65,10 @@ def find_sequences(source: Path, form: str, wanted: Collection[str]) -> list[Seq
         RouteError: There is none, or one is damaged or empty.
         ConfigError: One that is wanted is not there.
     """
-    found: dict[str, Path] = {}
+    found: dict[str, TreePath] = {}
+    top = TreePath(source)
     for kind in (form,) if form else ("images", "videos"):
-        found = _in_sets(source / kind if (source / kind).is_dir() else source, videos=kind == "videos")
+        found = _in_sets(top / kind if (top / kind).is_dir() else top, videos=kind == "videos")
         if found:
             break
     if not found:
@@ -185,49 +106,52 @@ def visible_channels(path: Path) -> Content:
     return np.ascontiguousarray(pixels[:, :, :3], np.uint8)
 
 
-def _in_sets(root: Path, *, videos: bool) -> dict[str, Path]:
+def _in_sets(root: TreePath, *, videos: bool) -> dict[str, TreePath]:
     """Returns the video or directory of images of each sequence, by its key, in natural order."""
-    found: dict[str, Path] = {}
-    for directory in _children(root):
-        if not _SET.fullmatch(directory.name) or not directory.is_dir():
-            continue
-        for path in _children(directory):
-            match = _VIDEO.fullmatch(path.name)
-            if match is None or (path.suffix.lower() == ".seq") != videos or path.is_dir() == videos:
+    found: dict[str, TreePath] = {}
+    for name in filter(_SET.fullmatch, root.children().directories):
+        inside = (root / name).children()
+        for video in inside.files if videos else inside.directories:
+            match = _VIDEO.fullmatch(video)
+            if match is None or video.lower().endswith(".seq") != videos:
                 continue
-            key = f"{directory.name}/{match[1].upper()}"
+            key, path = f"{name}/{match[1].upper()}", root / name / video
             if key in found:
                 raise RouteError(f"{readable(path)} and {readable(found[key])} are the same sequence; keep one of them")
             found[key] = path
     return found
 
 
-def _open(key: str, path: Path) -> Sequence:
-    name, _, video = key.partition("/")
-    if path.is_dir():
-        return _open_images(name, video, path)
-    return _Video(name, video, open_seq(path))
+def _open(key: str, path: TreePath) -> KaistSequence:
+    return _open_images(key, path) if path.is_dir() else _open_video(key, path.source)
 
 
-def _open_images(name: str, video: str, path: Path) -> _Images:
+def _open_video(key: str, path: Path) -> KaistSequence:
+    file = open_seq(path)
+    notes: tuple[str, ...] = ()
+    if file.missing:
+        notes = (
+            f"{readable(path)} is damaged or was cut off: {file.missing} of its {len(file) + file.missing} frames are "
+            f"lost, the first {len(file)} were kept.",
+        )
+    return KaistSequence(
+        key,
+        [f"I{number:05d}" for number in range(len(file))],
+        lambda indices: ((frame.content, frame.seconds) for frame in file.frames(indices)),
+        lambda: np.array(file.seconds()),
+        notes,
+    )
+
+
+def _open_images(key: str, path: TreePath) -> KaistSequence:
     directory = path / _VISIBLE if (path / _VISIBLE).is_dir() else path
-    names = [
-        file.name
-        for file in _children(directory)
-        if file.suffix.lower() in IMAGE_ENDINGS and not file.name.startswith(".")
-    ]
+    names = by_stem(directory, filter(is_image_name, directory.children().files))
     if not names:
         raise RouteError(f"{readable(directory)} holds no image; extract the frames, or leave the sequence out")
-    stems = [file.rpartition(".")[0] for file in names]
-    if len(set(stems)) < len(stems):
-        twice = next(stem for stem in stems if stems.count(stem) > 1)
-        raise RouteError(f"{readable(directory)} holds two images of the frame {twice!r}; keep one of them")
-    ending = {file.rpartition(".")[0]: file for file in names}
-    return _Images(name, video, directory, tuple(ending[stem] for stem in natural_sorted(stems)))
-
-
-def _children(directory: Path) -> list[Path]:
-    try:
-        return sorted(directory.iterdir(), key=lambda path: natural_key(path.name))
-    except OSError as error:
-        raise RouteError(f"cannot list {readable(directory)}: {error.strerror or error}; check the path") from error
+    stems = natural_sorted(names)
+    return KaistSequence(
+        key,
+        stems,
+        lambda indices: ((visible_channels(directory.source / names[stems[index]]), float("nan")) for index in indices),
+        lambda: None,
+    )

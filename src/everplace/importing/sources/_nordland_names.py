@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,8 +13,9 @@ import numpy as np
 
 from everplace.errors import RouteError
 from everplace.files import readable
+from everplace.importing.foreign_route import ForeignFrame
 
-__all__ = ["SEASONS", "Named", "at_frame", "olid_frame", "olid_stem", "read_list", "season_frame", "season_of"]
+__all__ = ["SEASONS", "Copy", "Named", "at_frame", "olid_frame", "olid_stem", "read_list", "season_frame", "season_of"]
 
 SEASONS = ("spring", "summer", "fall", "winter")
 
@@ -43,6 +45,23 @@ class Named(NamedTuple):
     stem: str
     split: str = ""
     north: float = 0.0
+
+
+@dataclass
+class Copy:
+    """A copy of the data set, whatever its form.
+
+    Attributes:
+        stems: The frames of each season.
+        read: Reads some frames of a season, in an order that suits the copy.
+        tolerance: Frames by which a match may be off, if the copy tells.
+        notes: Sentences for the user.
+    """
+
+    stems: dict[str, list[str]]
+    read: Callable[[str, Sequence[str]], Iterator[ForeignFrame]]
+    tolerance: int | None = None
+    notes: tuple[str, ...] = ()
 
 
 def season_of(text: str) -> str:

@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 
 from everplace.errors import MissingExtraError, RouteError
 from everplace.files import readable
+from everplace.images.formats import image_ending
 from everplace.importing.foreign_route import Encoded, ForeignFrame
-from everplace.importing.sources._nordland_names import olid_stem, season_of
+from everplace.importing.sources._nordland_names import Copy, olid_stem, season_of
 from everplace.route.natural_order import natural_sorted
 
-__all__ = ["ParquetCopy"]
+__all__ = ["open_parquet"]
 
 _BATCH = 16  # full frames have up to 2 MB each
 _LABEL_BATCH = 2**16
@@ -23,7 +24,6 @@ _NUMBERS = ("frame_id", "frame", "number", "index", "id")
 _SECTION = re.compile("(train|test)_section([0-9]{1,6})")
 # The order of the class labels in fansel/nordland, for files that have lost their names.
 _SEASONS = ("fall", "spring", "summer", "winter")
-_STARTS = ((b"\x89PNG", ".png"), (b"\xff\xd8", ".jpg"), (b"RIFF", ".webp"), (b"BM", ".bmp"), (b"II", ".tif"))
 
 
 class _Columns(NamedTuple):
@@ -42,64 +42,58 @@ class _Columns(NamedTuple):
         return [name for name in (self.season, self.number, self.section) if name]
 
 
-class ParquetCopy:
-    """A copy in Parquet files; rows may come in any order.
+def open_parquet(source: Path, files: Sequence[Path], split: str) -> Copy:
+    """Opens a copy in Parquet files, whose rows may come in any order; the labels of all are read, but no image.
 
-    Attributes:
-        stems: The frames of each season.
-        tolerance: None.
-        notes: Nothing.
+    Args:
+        source: What the user named.
+        files: The files.
+        split: train, test or both.
+
+    Raises:
+        RouteError: A file is damaged, lacks a column, has a label that is none, or a frame comes twice.
+        MissingExtraError: pyarrow is not installed.
     """
+    # The row group of each frame tells where to look for its image.
+    where: dict[str, dict[str, tuple[Path, int]]] = {}
+    for path in files:
+        for group, rows in _labels(path):
+            for season, stem in rows:
+                if split != "both" and stem.startswith(("train-", "test-")) and not stem.startswith(split):
+                    continue
+                frames = where.setdefault(season, {})
+                if stem in frames:
+                    raise RouteError(
+                        f"{readable(path)} holds the frame {stem} of {season}, which {readable(frames[stem][0])} "
+                        "holds as well; give the files of one copy"
+                    )
+                frames[stem] = (path, group)
+    if not where:
+        raise RouteError(f"{readable(source)} holds no frame of the split that was asked for")
 
-    def __init__(self, source: Path, files: Sequence[Path], split: str) -> None:
-        """Reads the labels of all rows, but no image.
-
-        Args:
-            source: What the user named.
-            files: The files.
-            split: train, test or both.
-
-        Raises:
-            RouteError: A file is damaged, lacks a column, has a label that is none, or a frame comes twice.
-            MissingExtraError: pyarrow is not installed.
-        """
-        self.tolerance: int | None = None
-        self.notes: tuple[str, ...] = ()
-        # The row group of each frame tells where to look for its image.
-        self._where: dict[str, dict[str, tuple[Path, int]]] = {}
-        for path in files:
-            for group, rows in _labels(path):
-                for season, stem in rows:
-                    if split != "both" and stem.startswith(("train-", "test-")) and not stem.startswith(split):
-                        continue
-                    frames = self._where.setdefault(season, {})
-                    if stem in frames:
-                        raise RouteError(
-                            f"{readable(path)} holds the frame {stem} of {season}, which {readable(frames[stem][0])} "
-                            "holds as well; give the files of one copy"
-                        )
-                    frames[stem] = (path, group)
-        if not self._where:
-            raise RouteError(f"{readable(source)} holds no frame of the split that was asked for")
-        self.stems = {season: natural_sorted(frames) for season, frames in self._where.items()}
-
-    def read(self, season: str, stems: Sequence[str]) -> Iterator[ForeignFrame]:
-        """Reads the row groups that hold these frames, some rows at a time."""
+    def read(season: str, stems: Sequence[str]) -> Iterator[ForeignFrame]:
         groups: dict[tuple[Path, int], set[str]] = {}
         for stem in stems:
-            groups.setdefault(self._where[season][stem], set()).add(stem)
+            groups.setdefault(where[season][stem], set()).add(stem)
         for (path, group), wanted in groups.items():
-            with _opened(path) as file:
-                columns = _columns(path, file)
-                names = [columns.image, *columns.labels]
-                for batch in file.iter_batches(_BATCH, row_groups=[group], columns=names):
-                    for row in batch.to_pylist():
-                        frame_season, stem = _label(path, row, columns)
-                        if frame_season == season and stem in wanted:
-                            wanted.remove(stem)
-                            yield ForeignFrame(stem, _image(path, row[columns.image], stem))
-            if wanted:
-                raise RouteError(f"{readable(path)} no longer holds the frame {min(wanted)}; import it again")
+            yield from _group_frames(path, group, season, wanted)
+
+    return Copy({season: natural_sorted(frames) for season, frames in where.items()}, read)
+
+
+def _group_frames(path: Path, group: int, season: str, wanted: set[str]) -> Iterator[ForeignFrame]:
+    """Reads the wanted frames of a row group, some rows at a time."""
+    with _opened(path) as file:
+        columns = _columns(path, file)
+        names = [columns.image, *columns.labels]
+        for batch in file.iter_batches(_BATCH, row_groups=[group], columns=names):
+            for row in batch.to_pylist():
+                frame_season, stem = _label(path, row, columns)
+                if frame_season == season and stem in wanted:
+                    wanted.remove(stem)
+                    yield ForeignFrame(stem, _image(path, row[columns.image], stem))
+    if wanted:
+        raise RouteError(f"{readable(path)} no longer holds the frame {min(wanted)}; import it again")
 
 
 @contextlib.contextmanager
@@ -189,7 +183,7 @@ def _image(path: Path, value: Any, stem: str) -> Encoded:
     data = value.get("bytes") if isinstance(value, dict) else value
     if not isinstance(data, bytes) or not data:
         raise RouteError(f"{readable(path)} holds no image for the frame {stem}; take a copy with the images in it")
-    ending = next((ending for start, ending in _STARTS if data.startswith(start)), "")
+    ending = image_ending(data)
     if not ending:
         raise RouteError(f"{readable(path)} holds an image of no known format for the frame {stem}; fetch it again")
     return Encoded(data, ending)

@@ -10,72 +10,65 @@ from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.video_frames import last_frame_begins, read_video
 from everplace.importing.foreign_route import ForeignFrame
-from everplace.importing.sources._nordland_names import season_of
+from everplace.importing.sources._nordland_names import Copy, season_of
 
-__all__ = ["VideoCopy"]
+__all__ = ["open_videos"]
 
 _LONGEST = 86_400  # seconds; the journey takes ten hours
 _LONGEST_GAP = 2  # seconds without a frame: beyond, one frame would stand for too many places
 _AT_ONCE = 1e-6  # seconds; times are fractions of the video's ticks
 
 
-class VideoCopy:
-    """The videos, one a season; frame `images-00001` is the first, `images-00002` the one a second later.
+def open_videos(files: Sequence[Path]) -> Copy:
+    """Opens the videos, one a season, and asks how long they are; `images-00002` is a second after `images-00001`.
 
-    Attributes:
-        stems: The frames of each season.
-        tolerance: None.
-        notes: How the frames were taken.
+    Raises:
+        RouteError: A video cannot be read, has no season in its name, or two have the same.
+        MissingExtraError: PyAV is not installed.
     """
+    videos: dict[str, Path] = {}
+    for path in files:
+        season = season_of(path.stem) or season_of(path.absolute().parent.name)
+        if not season:
+            raise RouteError(f"the name of {readable(path)} tells no season; rename it like winter{path.suffix}")
+        if season in videos:
+            other = readable(videos[season])
+            raise RouteError(f"{other} and {readable(path)} are both named after {season}; keep one of them")
+        videos[season] = path
+    return Copy(
+        {season: _stems(path) for season, path in videos.items()},
+        lambda season, stems: _frames(videos[season], stems),
+        notes=(
+            "One frame a second was taken from the videos, the first at or after each full second; lists and tables "
+            "made for other copies may count a second differently.",
+        ),
+    )
 
-    def __init__(self, source: Path, files: Sequence[Path], split: str) -> None:
-        """Asks the videos how long they are.
 
-        Raises:
-            RouteError: A video cannot be read, has no season in its name, or two have the same.
-            MissingExtraError: PyAV is not installed.
-        """
-        self.tolerance: int | None = None
-        self._videos: dict[str, Path] = {}
-        for path in files:
-            season = season_of(path.stem) or season_of(path.absolute().parent.name)
-            if not season:
-                raise RouteError(f"the name of {readable(path)} tells no season; rename it like winter{path.suffix}")
-            if season in self._videos:
-                other = readable(self._videos[season])
-                raise RouteError(f"{other} and {readable(path)} are both named after {season}; keep one of them")
-            self._videos[season] = path
-        self.stems = {season: _stems(path) for season, path in self._videos.items()}
-        self.notes: tuple[str, ...] = (
-            "One frame a second was taken from the videos, the first at or after each full second; lists and "
-            "tables made for other copies may count a second differently.",
-        )
+def _frames(path: Path, stems: Sequence[str]) -> Iterator[ForeignFrame]:
+    """Decodes a video as far as needed and keeps the frames that are wanted."""
+    wanted = set(stems)
+    second = 0
 
-    def read(self, season: str, stems: Sequence[str]) -> Iterator[ForeignFrame]:
-        """Decodes a video as far as needed and keeps the frames that are wanted."""
-        path = self._videos[season]
-        wanted = set(stems)
-        second = 0
+    def due(seconds: float | None) -> bool:
+        return seconds is None or seconds >= second - _AT_ONCE
 
-        def due(seconds: float | None) -> bool:
-            return seconds is None or seconds >= second - _AT_ONCE
-
-        for frame in read_video(path, due, "fetch it again"):
-            if frame.seconds is None:
-                raise RouteError(f"{readable(path)} does not say when its frames are shown; fetch it again")
-            if frame.seconds > second + _LONGEST_GAP:
-                raise RouteError(f"{readable(path)} has a gap of several seconds at second {second}; fetch it again")
-            while due(frame.seconds):  # after a short gap one frame stands for two seconds
-                stem = _stem(second)
-                if stem in wanted:
-                    wanted.remove(stem)
-                    yield ForeignFrame(stem, frame.pixels, seconds=float(second))
-                second += 1
-            if not wanted:
-                return
-        raise RouteError(
-            f"{readable(path)} ends before the frame {min(wanted)}, though it claims to be longer; fetch it again"
-        )
+    for frame in read_video(path, due, "fetch it again"):
+        if frame.seconds is None:
+            raise RouteError(f"{readable(path)} does not say when its frames are shown; fetch it again")
+        if frame.seconds > second + _LONGEST_GAP:
+            raise RouteError(f"{readable(path)} has a gap of several seconds at second {second}; fetch it again")
+        while due(frame.seconds):  # after a short gap one frame stands for two seconds
+            stem = _stem(second)
+            if stem in wanted:
+                wanted.remove(stem)
+                yield ForeignFrame(stem, frame.pixels, seconds=float(second))
+            second += 1
+        if not wanted:
+            return
+    raise RouteError(
+        f"{readable(path)} ends before the frame {min(wanted)}, though it claims to be longer; fetch it again"
+    )
 
 
 def _stem(second: int) -> str:

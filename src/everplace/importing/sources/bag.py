@@ -20,20 +20,16 @@ from pydantic import AfterValidator
 
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
+from everplace.images.formats import image_ending
+from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.containers.ros_bag import BAG_ENDINGS, METADATA, Bag, Topic, open_bag
 from everplace.importing.containers.ros_image import image_pixels
 from everplace.importing.foreign_route import Content, Encoded, ForeignFrame, ForeignRoute
 from everplace.importing.positions.geodesy import local_plane, track_headings
 from everplace.importing.positions.pose_track import BODY_AXIS, PoseTrack, planar_track, with_poses
 from everplace.importing.positions.trajectory import OPTICAL_AXIS, Trajectory, rotation_of
-from everplace.importing.recording import (
-    Drive,
-    RecordingOptions,
-    list_directories,
-    list_directory,
-    recorded_route,
-)
-from everplace.route.natural_order import natural_key
+from everplace.importing.recording import Drive, RecordingOptions, recorded_route
+from everplace.route.natural_order import natural_sorted
 
 __all__ = ["EXTRAS", "SUMMARY", "Options", "read"]
 
@@ -48,14 +44,6 @@ _POSES = (
     "nav_msgs/msg/Odometry",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
     "geometry_msgs/msg/PoseStamped",
-)
-_ENDINGS: tuple[tuple[bytes, str], ...] = (
-    (b"\xff\xd8", ".jpg"),
-    (b"\x89PNG\r\n\x1a\n", ".png"),
-    (b"RIFF", ".webp"),
-    (b"II*\0", ".tiff"),
-    (b"MM\0*", ".tiff"),
-    (b"BM", ".bmp"),
 )
 
 
@@ -118,8 +106,10 @@ def _find_bags(source: Path) -> list[Path]:
         return [source]
     if (source / METADATA).exists():
         return [source.absolute()]
-    paths = [path for path in list_directories(source) if (path / METADATA).exists()]
-    paths = sorted([*list_directory(source, BAG_ENDINGS), *paths], key=lambda path: natural_key(path.name))
+    directories, files = TreePath(source).children()
+    names = [name for name in files if name.lower().endswith(tuple(BAG_ENDINGS))]
+    names += [name for name in directories if (source / name / METADATA).exists()]
+    paths = [source / name for name in natural_sorted(names)]
     if not paths:
         raise RouteError(
             f"{readable(source)} holds no bag ({', '.join(sorted(BAG_ENDINGS))}, or a directory with {METADATA}); give "
@@ -197,8 +187,8 @@ def _pixels(message: Any, where: str) -> Content:
 
 def _encoded(message: Any, where: str) -> Content:
     data = np.asarray(message.data, dtype=np.uint8).tobytes()
-    ending = next((ending for start, ending in _ENDINGS if data.startswith(start)), None)
-    if ending is None:
+    ending = image_ending(data)
+    if not ending:
         raise RouteError(
             f"{where} is no JPEG, PNG, WebP, TIFF or BMP image (its format is {str(message.format)[:60]!r}); convert "
             "the topic or choose another"

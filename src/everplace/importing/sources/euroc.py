@@ -10,24 +10,22 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.image_tree import by_stem
+from everplace.importing.containers.file_trees import TreePath, by_stem
 from everplace.importing.containers.text_rows import read_rows
-from everplace.importing.containers.tree_path import TreePath
-from everplace.importing.foreign_route import ForeignRoute, SourceOptions
-from everplace.importing.positions.trajectory import Trajectory, read_quaternion, rotation_of
-from everplace.importing.sources._odometry_sequences import (
+from everplace.importing.foreign_route import ForeignRoute
+from everplace.importing.sources._image_sequences import (
     ImageSequence,
     SequenceFrame,
+    TimedSequenceOptions,
     find_sequences,
     poses_at,
+    read_trajectory,
     sequences_route,
 )
 from everplace.route.traverse import Pose
@@ -41,17 +39,11 @@ _TRANSFORM = re.compile(r"^T_BS:.*?^\s*data:\s*\[([^\]]*)\]", re.DOTALL | re.MUL
 _LONGEST_YAML = 1 << 20
 
 
-class Options(SourceOptions):
+class Options(TimedSequenceOptions):
     """Options of the kind."""
 
     camera: str = "cam0"
     """Directory of the camera in mav0."""
-    poses: bool = True
-    """Whether to read the truth where it is there; frames without a pose are then left out."""
-    limit: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.02
-    """Seconds from an image to the nearest pose, up to which the pose counts."""
-    radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    """Metres up to which two images show the same place; the data set names none."""
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
@@ -88,7 +80,8 @@ def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
         # Nanoseconds since 1970 do not fit a float: the first image is moment 0.
         start = next(iter(times.values()))
         seconds = [(stamp - start) / 1e9 for stamp in times.values()]
-        poses = poses_at(_read_trajectory(truth, start), seconds, options.limit, "z", _read_camera(camera))
+        trajectory = read_trajectory(truth, lambda row: (row.whole(0, "a time stamp") - start) / 1e9, ",", w_first=True)
+        poses = poses_at(trajectory, seconds, options.limit, "z", _read_camera(camera))
     stems = {file: stem for stem, file in by_stem(camera, times).items()}
     frames = [
         SequenceFrame(stems[file], file, stamp / 1e9, pose)
@@ -97,30 +90,16 @@ def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
     return ImageSequence(name, camera / "data", listing, frames, has_poses)
 
 
-def _read_trajectory(path: TreePath, start: int) -> Trajectory:
-    seconds: list[float] = []
-    positions: list[list[float]] = []
-    quaternions: list[list[float]] = []
-    for row in read_rows(path, ","):
-        seconds.append((row.whole(0, "a time stamp") - start) / 1e9)
-        positions.append(row.floats(1, 4))
-        quaternions.append(read_quaternion(row, 4, w_first=True))
-    if not seconds:
-        raise RouteError(f"{readable(path)} holds no pose; get the sequence again, or import with --set poses=false")
-    return Trajectory.of(seconds, positions, rotation_of(quaternions))
-
-
 def _read_camera(camera: TreePath) -> NDArray[np.float64]:
     """Returns T_BS, 4×4."""
     path = camera / "sensor.yaml"
-    try:
-        with path.open() as file:
-            text = file.read(_LONGEST_YAML).decode("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+    if not path.is_file():
         raise RouteError(
-            f"cannot read {readable(path)}, which says how the camera is mounted ({error}); get the sequence again, or "
-            "import with --set poses=false"
-        ) from error
+            f"there is no {readable(path)}, which says how the camera is mounted; get the sequence again, or import "
+            "with --set poses=false"
+        )
+    with path.open() as file:
+        text = file.read(_LONGEST_YAML).decode("utf-8", "replace")
     match = _TRANSFORM.search(text)
     try:
         matrix = np.array([float(value) for value in match[1].split(",")]).reshape(4, 4) if match else None

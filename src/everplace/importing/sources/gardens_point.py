@@ -8,17 +8,16 @@ what stands between the words, and in the images' names, whose number is what co
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.archive_tree import archives_in, open_trees, unread_note
-from everplace.importing.containers.file_trees import FileTree, FolderTree
-from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.containers.data_set_search import find_directories
+from everplace.importing.containers.file_trees import TreePath, read_frames
+from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.route.natural_order import natural_sorted
 
 __all__ = ["SUMMARY", "Options", "read"]
@@ -26,7 +25,6 @@ __all__ = ["SUMMARY", "Options", "read"]
 SUMMARY = "Gardens Point Walking: day_left, day_right and night_right with one numbered image a place"
 
 _TRAVERSES = ("day_left", "day_right", "night_right")
-_DEEPEST = 3  # a copy may lie in a directory of the archive, and that in another
 _NUMBER = re.compile(r"[^0-9]*([0-9]{1,9})[^0-9]*")
 
 
@@ -39,20 +37,6 @@ class Options(SourceOptions):
     """What a traverse's condition is: its name, or light (day, day, night)."""
 
 
-class _Walk(NamedTuple):
-    """One traverse as it lies there.
-
-    Attributes:
-        tree: What holds it.
-        directory: Its directory in the tree.
-        names: The names of its images in the tree.
-    """
-
-    tree: FileTree
-    directory: str
-    names: list[str]
-
-
 def read(source: Path, options: Options) -> ForeignRoute:
     """Opens a copy of the data set, or a directory above one, unpacked or as an archive.
 
@@ -63,13 +47,16 @@ def read(source: Path, options: Options) -> ForeignRoute:
         RouteError: None of the three directories is there, one is there twice, a file's name holds no number or two, or
             an archive is damaged.
     """
-    found = _find(open_trees(source, archives=False))
-    unread = unread_note(source / name for name in archives_in(source)) if found else []
-    found = found or _find([tree for tree in open_trees(source) if not isinstance(tree, FolderTree)])
-    if not found:
+    places, unread = find_directories(source, lambda place: bool(_traverse(place.name)) and bool(place.images))
+    if not places:
         raise RouteError(
             f"{readable(source)} holds none of {', '.join(_TRAVERSES)}; give the directory or archive that does"
         )
+    found: dict[str, TreePath] = {}
+    for place in places:
+        traverse = _traverse(place.name)
+        if found.setdefault(traverse, place) is not place:
+            raise RouteError(f"{readable(found[traverse])} and {readable(place)} are both {traverse}; give one copy")
     absent = [name for name in _TRAVERSES if name not in found]
     listed = {name: _by_number(found[name]) for name in _TRAVERSES if name in found}
     shared = set.intersection(*(set(frames) for frames in listed.values()))
@@ -84,7 +71,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         traverses=(
             ForeignTraverse(
                 name,
-                _frames(found[name].tree, frames),
+                read_frames(found[name], frames),
                 condition=name.partition("_")[0] if options.condition == "light" else "",
                 count=len(frames),
             )
@@ -95,59 +82,27 @@ def read(source: Path, options: Options) -> ForeignRoute:
     )
 
 
-def _find(trees: Sequence[FileTree]) -> dict[str, _Walk]:
-    """Returns what is there of each traverse."""
-    found: dict[str, _Walk] = {}
-    for tree in trees:
-        for name in tree.images:
-            directory = _directory(name)
-            if directory is None:
-                continue
-            traverse = _traverse(directory.rpartition("/")[2])
-            walk = found.setdefault(traverse, _Walk(tree, directory, []))
-            if (walk.tree, walk.directory) != (tree, directory):
-                raise RouteError(
-                    f"{readable(walk.tree.path / walk.directory)} and {readable(tree.path / directory)} are both "
-                    f"{traverse}; give one copy"
-                )
-            walk.names.append(name)
-    return found
-
-
-def _directory(name: str) -> str | None:
-    """Returns the outermost directory of an image's path that is called like a traverse."""
-    parts = name.split("/")[:-1]
-    depth = next((depth for depth, part in enumerate(parts[:_DEEPEST], start=1) if _traverse(part)), None)
-    return None if depth is None else "/".join(parts[:depth])
-
-
 def _traverse(directory: str) -> str:
     """Returns the traverse that a directory is called like, or nothing."""
     plain = re.sub(r"[\s._-]+", "", directory).lower()
     return next((traverse for traverse in _TRAVERSES if plain == traverse.replace("_", "")), "")
 
 
-def _by_number(walk: _Walk) -> dict[str, str]:
-    """Returns the names of images in the tree by their stems, in order."""
+def _by_number(place: TreePath) -> dict[str, str]:
+    """Returns the names of images by their stems, in order."""
     found: dict[str, str] = {}
-    for name in walk.names:
-        match = _NUMBER.fullmatch(name[len(walk.directory) + 1 :].rpartition(".")[0])
+    for name in place.images:
+        match = _NUMBER.fullmatch(name.rpartition(".")[0])
         if match is None:
             raise RouteError(
-                f"the name of {readable(walk.tree.path / name)} does not hold one number, so its place is unknown; "
-                "rename it or move it away"
+                f"the name of {readable(place / name)} does not hold one number, so its place is unknown; rename it or "
+                "move it away"
             )
         stem = f"{int(match[1]):03d}"
         if stem in found:
             raise RouteError(
-                f"{readable(walk.tree.path)} holds {readable(found[stem])} and {readable(name)}, both of place "
-                f"{stem}; keep one of them"
+                f"{readable(place)} holds {readable(found[stem])} and {readable(name)}, both of place {stem}; keep one "
+                "of them"
             )
         found[stem] = name
     return {stem: found[stem] for stem in natural_sorted(found)}
-
-
-def _frames(tree: FileTree, names: dict[str, str]) -> Iterator[ForeignFrame]:
-    stems = {name: stem for stem, name in names.items()}
-    for name, content in tree.read(stems):
-        yield ForeignFrame(stems[name], content)

@@ -7,15 +7,14 @@ path as name. An HDF5 file written by `everplace describe` does as well.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.image_tree import by_stem, read_files
+from everplace.importing.containers.data_set_search import find_data_set
+from everplace.importing.containers.file_trees import TreePath, by_stem, read_frames
 from everplace.importing.containers.text_rows import read_rows
-from everplace.importing.containers.tree_path import AnyPath, TreePath, find_data_set
-from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.route.truth import TruthPair
 
 __all__ = ["SUMMARY", "Options", "read"]
@@ -67,19 +66,14 @@ def read(source: Path, options: Options) -> ForeignRoute:
     if together:
         notes.append("Queries and database share images, so they are one traverse.")
     stems = {side: {name: stem for stem, name in found.items()} for side, found in listed.items()}
+    listing = f"{readable(pairs_file)} or a list of images"
     return ForeignRoute(
         traverses=(
-            ForeignTraverse(side, _frames(root, found, pairs_file), count=len(found)) for side, found in listed.items()
+            ForeignTraverse(side, read_frames(root, found, listing), count=len(found)) for side, found in listed.items()
         ),
         truth=(TruthPair(first, stems[first][query], second, stems[second][image]) for query, image in pairs),
         notes=tuple(notes),
     )
-
-
-def _frames(root: TreePath, names: dict[str, str], pairs_file: TreePath) -> Iterator[ForeignFrame]:
-    listing = f"{readable(pairs_file)} or a list of images"
-    for stem, content in read_files(root, {name: stem for stem, name in names.items()}, listing):
-        yield ForeignFrame(stem, content)
 
 
 def _read_pairs(path: TreePath) -> list[tuple[str, str]]:
@@ -106,7 +100,7 @@ def _side(place: TreePath, listing: str, named: list[str], pairs_file: TreePath)
     return list(known)
 
 
-def _read_hdf5(path: AnyPath) -> list[str]:
+def _read_hdf5(path: TreePath) -> list[str]:
     """Returns the names of the images in a file of features: paths of the groups that hold no more groups."""
     import h5py
 
@@ -125,10 +119,10 @@ def _read_hdf5(path: AnyPath) -> list[str]:
     return names
 
 
-def _open_hdf5(path: AnyPath):  # type: ignore[no-untyped-def]
+def _open_hdf5(path: TreePath):  # type: ignore[no-untyped-def]
     import h5py
 
-    if isinstance(path, Path) or path.is_on_disk:
+    if path.is_on_disk:
         return h5py.File(path, "r")
     with path.open() as file:
         return h5py.File(h5py.h5f.open_file_image(file.read()))

@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.images.decoding import IMAGE_ENDINGS
+from everplace.images.decoding import is_image_name
+from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute
 from everplace.importing.positions.pose_track import PoseTrack, read_pose_track, with_poses
-from everplace.importing.recording import Drive, RecordingOptions, list_directories, list_directory, recorded_route
-from everplace.route.csv_table import read_columns
+from everplace.importing.recording import Drive, RecordingOptions, recorded_route
+from everplace.route.csv_table import CsvTable, read_poses, read_times
 from everplace.route.folder import POSES_CSV, TIMES_CSV, open_traverse
-from everplace.route.poses import read_poses
 from everplace.route.route_toml import read_route_toml
-from everplace.route.times import read_times
 from everplace.route.traverse import Pose, Traverse
 
 __all__ = ["SUMMARY", "Options", "read"]
@@ -41,24 +40,24 @@ def read(source: Path, options: RecordingOptions) -> ForeignRoute:
     """
     if not source.is_dir():
         raise RouteError(f"{readable(source)} is not a directory; give a directory of images")
-    directories = list_directories(source)
-    if list_directory(source, IMAGE_ENDINGS):
+    directories, files = TreePath(source).children()
+    if any(map(is_image_name, files)):
         # A name of its own even where the source is given as `.`
         return recorded_route(source, [_open(source.absolute(), options)], options, _left_out(directories))
-    holding = [directory for directory in directories if list_directory(directory, IMAGE_ENDINGS)]
+    holding = [name for name in directories if any(map(is_image_name, TreePath(source / name).children().files))]
     if not holding:
         raise RouteError(f"{readable(source)} holds no image, nor do its directories; give a directory of images")
-    others = [directory for directory in directories if directory not in holding]
+    others = [name for name in directories if name not in holding]
     # Numbers that the import gives are others than those of which a route.toml speaks.
     aligned = options.stems != "file" or read_route_toml(source).aligned
-    drives = [_open(directory, options) for directory in holding]
+    drives = [_open(source / name, options) for name in holding]
     return recorded_route(source, drives, options, _left_out(others), aligned=aligned)
 
 
-def _left_out(directories: Sequence[Path]) -> tuple[str, ...]:
+def _left_out(directories: Sequence[str]) -> tuple[str, ...]:
     if not directories:
         return ()
-    return (f"Directories that were not read: {', '.join(readable(directory.name) for directory in directories)}.",)
+    return (f"Directories that were not read: {', '.join(map(readable, directories))}.",)
 
 
 def _open(directory: Path, options: RecordingOptions) -> Drive:
@@ -67,7 +66,7 @@ def _open(directory: Path, options: RecordingOptions) -> Drive:
     track: PoseTrack | None = None
     named: NDArray[np.float64] | None = None
     if poses.exists():
-        if "seconds" in read_columns(poses):
+        if "seconds" in CsvTable(poses).columns:
             track = read_pose_track(poses)
         else:
             named = read_poses(poses, traverse.stems)

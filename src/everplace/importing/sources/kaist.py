@@ -27,8 +27,7 @@ from everplace.importing.positions.gps import GpsTrack, poses_on_track, read_gps
 from everplace.importing.positions.hand_pairs import read_pairs
 from everplace.importing.positions.shared_places import align_all_by_pairs, align_all_by_position, sparsest
 from everplace.importing.sources._kaist_conditions import condition_of, read_conditions
-from everplace.importing.sources._kaist_sequences import Sequence as KaistSequence
-from everplace.importing.sources._kaist_sequences import find_sequences
+from everplace.importing.sources._kaist_sequences import KaistSequence, find_sequences
 from everplace.route.traverse import Pose
 
 __all__ = ["SUMMARY", "Options", "read"]
@@ -148,8 +147,9 @@ def _poses(source: Path, sequences: Sequence[KaistSequence], options: Options) -
     """Reads the poses of the sequences that have a GPS file, all in one plane."""
     tracks: dict[str, GpsTrack] = {}
     for sequence in sequences:
+        folder, _, video = sequence.key.partition("/")
         try:
-            path = source / options.gps.format(set=sequence.set, video=sequence.video)
+            path = source / options.gps.format(set=folder, video=video)
         except (KeyError, ValueError, IndexError, AttributeError) as error:
             raise ConfigError(
                 f"gps={options.gps!r} cannot be: write {{set}} and {{video}} in place of their names"

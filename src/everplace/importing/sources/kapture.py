@@ -9,22 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.image_tree import by_stem
+from everplace.importing.containers.file_trees import TreePath, by_stem
 from everplace.importing.containers.text_rows import TextRow, read_rows
-from everplace.importing.containers.tree_path import TreePath
-from everplace.importing.foreign_route import ForeignRoute, SourceOptions
+from everplace.importing.foreign_route import ForeignRoute
 from everplace.importing.positions.trajectory import Up, plane_poses, read_quaternion, rotation_of
-from everplace.importing.sources._odometry_sequences import (
+from everplace.importing.sources._image_sequences import (
     ImageSequence,
     SequenceFrame,
+    SequenceOptions,
     find_sequences,
     sequences_route,
 )
@@ -37,7 +36,7 @@ _RECORDS = "records_camera.txt"
 _DEEPEST_RIG = 10
 
 
-class Options(SourceOptions):
+class Options(SequenceOptions):
     """Options of the kind."""
 
     camera: str = ""
@@ -48,10 +47,6 @@ class Options(SourceOptions):
     up: Up = "z"
     """The world's axis that points up: kapture does not say which it is. -y where the world is the frame of the first
     camera."""
-    poses: bool = True
-    """Whether to read trajectories.txt where it is there; frames without a pose are then left out."""
-    radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    """Metres up to which two images show the same place; the format names none."""
 
 
 class _Transform(NamedTuple):

@@ -10,21 +10,20 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.image_tree import image_names
+from everplace.importing.containers.file_trees import TreePath, image_names
 from everplace.importing.containers.text_rows import read_rows
-from everplace.importing.containers.tree_path import AnyPath, TreePath
-from everplace.importing.foreign_route import ForeignRoute, SourceOptions
+from everplace.importing.foreign_route import ForeignRoute
 from everplace.importing.positions.trajectory import plane_poses
-from everplace.importing.sources._odometry_sequences import (
+from everplace.importing.sources._image_sequences import (
     ImageSequence,
     SequenceFrame,
+    SequenceOptions,
     find_sequences,
     sequences_route,
 )
@@ -37,17 +36,13 @@ SUMMARY = "KITTI odometry: sequences/NN with image_0 and times.txt, poses/NN.txt
 _NUMBER = re.compile(r"[0-9]{1,9}")
 
 
-class Options(SourceOptions):
+class Options(SequenceOptions):
     """Options of the kind."""
 
     camera: Literal["image_0", "image_1", "image_2", "image_3"] = "image_0"
     """Directory of the images."""
     sequences: tuple[str, ...] = ()
     """Which sequences, by name; all if none is given."""
-    poses: bool = True
-    """Whether to read poses where they are there; frames without a pose are then left out."""
-    radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    """Metres up to which two images show the same place; the data set names none."""
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
@@ -99,7 +94,7 @@ def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
     return ImageSequence(name, images, images, frames, has_poses)
 
 
-def _read_poses(path: AnyPath) -> list[Pose]:
+def _read_poses(path: TreePath) -> list[Pose]:
     from scipy.spatial.transform import Rotation
 
     rows = []

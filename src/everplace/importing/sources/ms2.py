@@ -22,9 +22,9 @@ from pydantic import Field
 
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
-from everplace.importing.containers.file_trees import is_image_name
-from everplace.importing.containers.image_tree import by_stem, read_files
-from everplace.importing.containers.tree_path import TreePath, find_data_set
+from everplace.images.decoding import is_image_name
+from everplace.importing.containers.data_set_search import find_data_set
+from everplace.importing.containers.file_trees import TreePath, by_stem, read_files
 from everplace.importing.foreign_route import (
     Content,
     Encoded,
@@ -180,10 +180,6 @@ def _read_position(path: TreePath, content: Content) -> tuple[float, float]:
     try:
         with io.BytesIO(content.data) if isinstance(content, Encoded) else path.open() as file:
             first, second = (float(file.readline(_LONGEST_LINE)) for _ in range(2))
-    except OSError as error:
-        raise RouteError(
-            f"cannot read {readable(path)}: {error.strerror or error}; every image needs its file of positions"
-        ) from error
     except ValueError as error:
         raise RouteError(f"{readable(path)} must begin with two lines of one number each; copy it again") from error
     latitude, longitude = (second, first) if abs(first) > 90 else (first, second)
@@ -196,13 +192,11 @@ def _read_position(path: TreePath, content: Content) -> tuple[float, float]:
 
 def _read_times(path: TreePath, count: int) -> NDArray[np.float64] | None:
     """Reads one time a line, in seconds, milli-, micro- or nanoseconds since 1970; None if there is no file."""
+    if not path.is_file():
+        return None
     try:
         with path.open() as file:
             times = np.array([float(word) for word in file.read().decode("ascii").split()])
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise RouteError(f"cannot read {readable(path)}: {error.strerror or error}; check its permissions") from error
     except ValueError as error:
         raise RouteError(f"{readable(path)} must hold one number a line; copy it again") from error
     if len(times) != count or not np.isfinite(times).all():

@@ -16,19 +16,20 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator
 
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.importing.containers.archive_tree import archives_in, open_trees, unread_note
-from everplace.importing.containers.file_trees import FileTree, files_below
+from everplace.importing.containers.file_trees import TreePath, files_below, read_frames
 from everplace.importing.containers.video_frames import VIDEO_ENDINGS
-from everplace.importing.content import parse_size, resized
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.frame_pixels import parse_size, resized
 from everplace.importing.sources._nordland_names import (
     SEASONS,
+    Copy,
     Named,
     at_frame,
     olid_frame,
@@ -73,24 +74,6 @@ class Options(SourceOptions):
     """The season of `database/` in the `@`-naming."""
     queries: Literal["spring", "summer", "fall", "winter"] = "winter"
     """The season of `queries/` in the `@`-naming."""
-
-
-class Copy(Protocol):
-    """A copy of the data set, whatever its form.
-
-    Attributes:
-        stems: The frames of each season.
-        tolerance: Frames by which a match may be off, if the copy tells.
-        notes: Sentences for the user.
-    """
-
-    stems: dict[str, list[str]]
-    tolerance: int | None
-    notes: tuple[str, ...]
-
-    def read(self, season: str, stems: Sequence[str]) -> Iterator[ForeignFrame]:
-        """Reads these frames of a season, in an order that suits the copy."""
-        ...
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
@@ -146,27 +129,24 @@ def _seasons(options: Options) -> tuple[str, ...]:
 
 def _open(source: Path, options: Options) -> Copy:
     """Opens the copy in the form that was chosen or lies there."""
-    from everplace.importing.sources._nordland_parquet import ParquetCopy
-    from everplace.importing.sources._nordland_video import VideoCopy
+    from everplace.importing.sources._nordland_parquet import open_parquet
+    from everplace.importing.sources._nordland_video import open_videos
 
-    copies: list[tuple[str, tuple[str, ...], Callable[[Path, Sequence[Path], str], Copy]]] = [
-        ("parquet", (".parquet",), ParquetCopy),
-        ("video", tuple(sorted(VIDEO_ENDINGS)), VideoCopy),
-    ]
-    for form, endings, open_copy in copies:
+    split = "test" if options.preset == "olid" else options.split
+    for form, endings in (("parquet", (".parquet",)), ("video", tuple(sorted(VIDEO_ENDINGS)))):
         if options.form not in ("", form):
             continue
         files = _files(source, endings)
         if files:
-            return open_copy(source, files, "test" if options.preset == "olid" else options.split)
+            return open_videos(files) if form == "video" else open_parquet(source, files, split)
         if options.form:
             raise RouteError(f"{readable(source)} holds no file that ends in {' or '.join(endings)}; check the path")
     with contextlib.suppress(RouteError):  # what is wrong with the directory alone, the archives may mend
-        unpacked = _Images(source, open_trees(source, archives=False), options)
-        if unpacked.is_complete(_seasons(options), options.split):
+        unpacked = _open_images(source, open_trees(source, archives=False), options)
+        if _is_complete(unpacked, options):
             unpacked.notes += tuple(unread_note(source / name for name in archives_in(source)))
             return unpacked
-    return _Images(source, open_trees(source), options)
+    return _open_images(source, open_trees(source), options)
 
 
 def _files(source: Path, endings: tuple[str, ...]) -> list[Path]:
@@ -176,68 +156,64 @@ def _files(source: Path, endings: tuple[str, ...]) -> list[Path]:
     return [source] if source.name.lower().endswith(endings) else []
 
 
-class _Images:
-    """A copy that consists of image files, in directories or archives."""
+def _open_images(source: Path, trees: Sequence[TreePath], options: Options) -> Copy:
+    """Opens a copy that consists of image files, in directories or archives."""
+    parse = _parser(source, trees, options.form)
+    where: dict[str, dict[str, tuple[TreePath, str]]] = {}
+    nowhere: list[str] = []
+    furthest = Named("", "0")
+    at = {"database": options.database, "queries": options.queries}
+    split = "test" if options.preset == "olid" else options.split
+    for tree in trees:
+        label = _label(tree.source)
+        for name in tree.images:
+            frame = parse(f"{label}/{name}")
+            if frame is None or not frame.season:
+                nowhere.append(name)
+                continue
+            if frame.split and split not in ("both", frame.split):
+                continue
+            season = at.get(frame.season, frame.season)
+            frames = where.setdefault(season, {})
+            if frame.stem in frames:
+                before, other = frames[frame.stem]
+                raise RouteError(
+                    f"{readable(before / other)} and {readable(tree / name)} are the same frame of {season} twice; "
+                    "keep one of them"
+                )
+            frames[frame.stem] = (tree, name)
+            furthest = max(furthest, frame, key=lambda frame: frame.north)
+    if not where:
+        raise RouteError(f"{readable(source)} holds no frame of the split that was asked for")
 
-    def __init__(self, source: Path, trees: Sequence[FileTree], options: Options) -> None:
-        parse = _parser(source, trees, options.form)
-        self.tolerance: int | None = None
-        self._trees = trees
-        self._where: dict[str, dict[str, tuple[int, str]]] = {}
-        nowhere: list[str] = []
-        furthest = Named("", "0")
-        at = {"database": options.database, "queries": options.queries}
-        split = "test" if options.preset == "olid" else options.split
-        for index, tree in enumerate(trees):
-            label = _label(tree.path)
-            for name in tree.images:
-                frame = parse(f"{label}/{name}")
-                if frame is None or not frame.season:
-                    nowhere.append(name)
-                    continue
-                if frame.split and split not in ("both", frame.split):
-                    continue
-                season = at.get(frame.season, frame.season)
-                frames = self._where.setdefault(season, {})
-                if frame.stem in frames:
-                    before, other = frames[frame.stem]
-                    raise RouteError(
-                        f"{readable(trees[before].locate(other))} and {readable(tree.locate(name))} are the same frame "
-                        f"of {season} twice; keep one of them"
-                    )
-                frames[frame.stem] = (index, name)
-                furthest = max(furthest, frame, key=lambda frame: frame.north)
-        if not self._where:
-            raise RouteError(f"{readable(source)} holds no frame of the split that was asked for")
-        if furthest.north:
-            # The copy's metres are made up so that frames within the tolerance are within 25 m.
-            self.tolerance = int(25.0 * int(furthest.stem) / furthest.north)
-        self.stems = {season: natural_sorted(frames) for season, frames in self._where.items()}
-        self.notes = _left_out(nowhere)
-
-    def is_complete(self, seasons: Sequence[str], split: str) -> bool:
-        """Says whether it has frames of all these seasons, and of both splits if both are wanted and it has splits."""
-        parts = ({stem.partition("-")[0] for stem in self.stems.get(season, ())} for season in seasons)
-        return all(part and (split != "both" or part not in ({"test"}, {"train"})) for part in parts)
-
-    def read(self, season: str, stems: Sequence[str]) -> Iterator[ForeignFrame]:
-        """Reads tree by tree."""
-        wanted: dict[int, dict[str, str]] = {}
+    def read(season: str, stems: Sequence[str]) -> Iterator[ForeignFrame]:
+        wanted: dict[TreePath, dict[str, str]] = {}
         for stem in stems:
-            index, name = self._where[season][stem]
-            wanted.setdefault(index, {})[name] = stem
-        for index, names in wanted.items():
-            for name, content in self._trees[index].read(names):
-                yield ForeignFrame(names[name], content)
+            tree, name = where[season][stem]
+            wanted.setdefault(tree, {})[stem] = name
+        for tree, names in wanted.items():
+            yield from read_frames(tree, names)
+
+    # The metres of a copy with `@` in its names are made up so that frames within the tolerance are within 25 m.
+    tolerance = int(25.0 * int(furthest.stem) / furthest.north) if furthest.north else None
+    stems = {season: natural_sorted(frames) for season, frames in where.items()}
+    return Copy(stems, read, tolerance, _left_out(nowhere))
 
 
-def _parser(source: Path, trees: Sequence[FileTree], form: str) -> Callable[[str], Named | None]:
+def _is_complete(copy: Copy, options: Options) -> bool:
+    """Says whether a copy has frames of all seasons that are wanted, and of both splits if it has splits."""
+    split = options.split
+    parts = ({stem.partition("-")[0] for stem in copy.stems.get(season, ())} for season in _seasons(options))
+    return all(part and (split != "both" or part not in ({"test"}, {"train"})) for part in parts)
+
+
+def _parser(source: Path, trees: Sequence[TreePath], form: str) -> Callable[[str], Named | None]:
     """Returns what reads the names of this form."""
     parsers: dict[str, Callable[[str], Named | None]] = {"olid": olid_frame, "at": at_frame, "seasons": season_frame}
     for name in [form] if form else parsers:
         parse = parsers[name]
         for tree in trees:
-            label = _label(tree.path)
+            label = _label(tree.source)
             if any((frame := parse(f"{label}/{name}")) is not None and frame.season for name in tree.images):
                 return parse
     what = f"form {form}" if form else "known form"

@@ -7,7 +7,6 @@ reference images from reference - tolerance to reference + tolerance. Images are
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -15,10 +14,10 @@ from pydantic import Field
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.image_tree import by_stem, image_names, read_files
+from everplace.importing.containers.data_set_search import find_data_set
+from everplace.importing.containers.file_trees import TreePath, by_stem, image_names, read_frames
 from everplace.importing.containers.text_rows import read_rows
-from everplace.importing.containers.tree_path import AnyPath, TreePath, find_data_set
-from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.route.truth import TruthPair
 
 __all__ = ["SUMMARY", "Options", "read"]
@@ -55,20 +54,20 @@ def read(source: Path, options: Options) -> ForeignRoute:
             does not exist.
     """
     root, notes = find_data_set(source, lambda place: (place / options.truth).is_file(), options.truth)
-    listed: dict[str, dict[str, str]] = {}
+    frames: dict[str, dict[str, str]] = {}
+    traverses: list[ForeignTraverse] = []
     for side, where in (("query", options.query), ("reference", options.reference)):
         directory, names = _list(root, where)
-        listed[side] = by_stem(directory, names[:: options.subsample], "" if options.same_names else f"{side}-")
-    queries, references = list(listed["query"]), list(listed["reference"])
+        frames[side] = by_stem(directory, names[:: options.subsample], "" if options.same_names else f"{side}-")
+        read = read_frames(directory, frames[side], readable(root / where))
+        traverses.append(ForeignTraverse(side, read, count=len(frames[side])))
+    queries, references = list(frames["query"]), list(frames["reference"])
     truth = _read_truth(root / options.truth, len(queries), len(references))
     alone = len(queries) - len(truth)
     if alone:
         notes.append(f"{alone} of {len(queries)} queries have no true match.")
     return ForeignRoute(
-        traverses=(
-            ForeignTraverse(side, _frames(root, where, listed[side]), count=len(listed[side]))
-            for side, where in (("query", options.query), ("reference", options.reference))
-        ),
+        traverses=iter(traverses),
         truth=(
             TruthPair("query", queries[query], "reference", references[reference])
             for query, ranges in truth.items()
@@ -81,7 +80,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
 def _list(root: TreePath, where: str) -> tuple[TreePath, list[str]]:
     """Returns a directory and the images in it that take part, in order."""
     path = root / where
-    if not _is_list(where):
+    if not where.lower().endswith(_LISTS):
         return path, image_names(path)
     names = [row.inside(0) for row in read_rows(path, "\n")]
     if not names:
@@ -89,17 +88,7 @@ def _list(root: TreePath, where: str) -> tuple[TreePath, list[str]]:
     return root, names
 
 
-def _frames(root: TreePath, where: str, names: dict[str, str]) -> Iterator[ForeignFrame]:
-    directory = root if _is_list(where) else root / where
-    for stem, content in read_files(directory, {name: stem for stem, name in names.items()}, readable(root / where)):
-        yield ForeignFrame(stem, content)
-
-
-def _is_list(where: str) -> bool:
-    return where.lower().endswith(_LISTS)
-
-
-def _read_truth(path: AnyPath, queries: int, references: int) -> dict[int, list[range]]:
+def _read_truth(path: TreePath, queries: int, references: int) -> dict[int, list[range]]:
     """Returns the positions of the references, from 0, by the position of the query."""
     truth: dict[int, list[range]] = {}
     for row in read_rows(path, ","):

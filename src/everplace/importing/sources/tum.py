@@ -8,22 +8,17 @@ y down, z ahead) in the motion capture's world, whose z axis points up. The rout
 from __future__ import annotations
 
 from pathlib import Path, PurePosixPath
-from typing import Annotated
 
-from pydantic import Field
-
-from everplace.errors import RouteError
-from everplace.files import readable
-from everplace.importing.containers.image_tree import by_stem
-from everplace.importing.containers.text_rows import read_rows
-from everplace.importing.containers.tree_path import TreePath
-from everplace.importing.foreign_route import ForeignRoute, SourceOptions
-from everplace.importing.positions.trajectory import Trajectory, read_quaternion, rotation_of
-from everplace.importing.sources._odometry_sequences import (
+from everplace.importing.containers.file_trees import TreePath, by_stem
+from everplace.importing.containers.text_rows import TextRow, read_rows
+from everplace.importing.foreign_route import ForeignRoute
+from everplace.importing.sources._image_sequences import (
     ImageSequence,
     SequenceFrame,
+    TimedSequenceOptions,
     find_sequences,
     poses_at,
+    read_trajectory,
     sequences_route,
 )
 from everplace.route.traverse import Pose
@@ -33,17 +28,11 @@ __all__ = ["SUMMARY", "Options", "read"]
 SUMMARY = "TUM RGB-D: rgb.txt with time stamps and groundtruth.txt with poses, one sequence or several"
 
 
-class Options(SourceOptions):
+class Options(TimedSequenceOptions):
     """Options of the kind."""
 
     images: str = "rgb.txt"
     """The list of images, in a sequence's directory."""
-    poses: bool = True
-    """Whether to read groundtruth.txt where it is there; frames without a pose are then left out."""
-    limit: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.02
-    """Seconds from an image to the nearest pose, up to which the pose counts."""
-    radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    """Metres up to which two images show the same place; the data set names none."""
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
@@ -63,7 +52,7 @@ def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
     listing, truth = directory / options.images, directory / "groundtruth.txt"
     seconds: dict[str, float] = {}
     for row in read_rows(listing):
-        moment, name = row.floats(0, 1)[0], row.inside(1)
+        moment, name = _seconds(row), row.inside(1)
         if name in seconds:
             raise row.wrong(f"names the image {name!r} a second time; keep one line for each image")
         seconds[name] = moment
@@ -73,7 +62,7 @@ def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
     has_poses = options.poses and truth.is_file()
     poses: list[Pose | None] = [None] * len(seconds)
     if has_poses and seconds:
-        poses = poses_at(_read_trajectory(truth), list(seconds.values()), options.limit, "z")
+        poses = poses_at(read_trajectory(truth, _seconds, w_first=False), list(seconds.values()), options.limit, "z")
     frames = [
         SequenceFrame(stems[name], name, moment, pose)
         for (name, moment), pose in zip(seconds.items(), poses, strict=True)
@@ -81,14 +70,5 @@ def _read_sequence(directory: TreePath, options: Options) -> ImageSequence:
     return ImageSequence(directory.name, directory, listing, frames, has_poses)
 
 
-def _read_trajectory(path: TreePath) -> Trajectory:
-    seconds: list[float] = []
-    positions: list[list[float]] = []
-    quaternions: list[list[float]] = []
-    for row in read_rows(path):
-        seconds += row.floats(0, 1)
-        positions.append(row.floats(1, 4))
-        quaternions.append(read_quaternion(row, 4, w_first=False))
-    if not seconds:
-        raise RouteError(f"{readable(path)} holds no pose; get the sequence again, or import with --set poses=false")
-    return Trajectory.of(seconds, positions, rotation_of(quaternions))
+def _seconds(row: TextRow) -> float:
+    return row.floats(0, 1)[0]

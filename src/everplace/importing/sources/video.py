@@ -18,11 +18,12 @@ from typing import Literal
 
 from everplace.errors import RouteError
 from everplace.files import readable
+from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.containers.video_frames import ANEW, VIDEO_ENDINGS, check_video, read_video
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute
 from everplace.importing.positions.pose_track import named_by_poses, read_named_poses, read_pose_track, with_poses
-from everplace.importing.recording import Drive, RecordingOptions, list_directory, recorded_route
-from everplace.route.csv_table import read_columns
+from everplace.importing.recording import Drive, RecordingOptions, recorded_route
+from everplace.route.csv_table import CsvTable
 
 __all__ = ["EXTRAS", "SUMMARY", "Options", "read"]
 
@@ -51,7 +52,10 @@ def read(source: Path, options: Options) -> ForeignRoute:
         ConfigError: There are not as many conditions as videos.
         MissingExtraError: PyAV is not installed.
     """
-    paths = list_directory(source, VIDEO_ENDINGS) if source.is_dir() else [source]
+    paths = [source]
+    if source.is_dir():
+        files = TreePath(source).children().files
+        paths = [source / name for name in files if name.lower().endswith(tuple(VIDEO_ENDINGS))]
     if not paths:
         raise RouteError(
             f"{readable(source)} holds no video ({', '.join(sorted(VIDEO_ENDINGS))}); give a video or a directory of "
@@ -65,7 +69,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
 def _open(path: Path, options: Options, notes: list[str]) -> Drive:
     count = check_video(path)
     sidecar = path.with_suffix(".poses.csv")
-    timed = sidecar.exists() and "seconds" in read_columns(sidecar)
+    timed = sidecar.exists() and "seconds" in CsvTable(sidecar).columns
     track = read_pose_track(sidecar) if timed else None
     named = read_named_poses(sidecar) if sidecar.exists() and not timed else None
     kept: int | None = None

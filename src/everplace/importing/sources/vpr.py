@@ -18,8 +18,8 @@ from pydantic import Field
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.image_tree import by_stem, image_names, read_files
-from everplace.importing.containers.tree_path import AnyPath, TreePath, find_data_set
+from everplace.importing.containers.data_set_search import find_data_set
+from everplace.importing.containers.file_trees import TreePath, by_stem, image_names, read_files
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.route.traverse import Pose
 
@@ -126,7 +126,7 @@ def _frames(directory: TreePath, names: dict[str, str], shift: dict[int, float],
         yield ForeignFrame(stem, content, pose, place.seconds if timed else None)
 
 
-def _place(directory: AnyPath, name: str) -> _Place:
+def _place(directory: TreePath, name: str) -> _Place:
     parts = name.rpartition("/")[2].split("@")
     if parts[0] or len(parts) < 4:
         raise RouteError(
@@ -145,7 +145,7 @@ def _place(directory: AnyPath, name: str) -> _Place:
     )
 
 
-def _number(directory: AnyPath, name: str, what: str, text: str) -> float:
+def _number(directory: TreePath, name: str, what: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:

@@ -8,16 +8,16 @@ file holds one row a query, its index and the list of the indices of its referen
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.image_tree import by_stem, image_names, read_files
+from everplace.importing.containers.data_set_search import find_data_set
+from everplace.importing.containers.file_trees import TreePath, by_stem, image_names, read_frames
 from everplace.importing.containers.object_npy import read_object_array
-from everplace.importing.containers.tree_path import AnyPath, TreePath, find_data_set
-from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.route.truth import TruthPair
 
 __all__ = ["SUMMARY", "Options", "read"]
@@ -59,7 +59,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         notes.append(f"{alone} of {len(queries)} queries have no true match.")
     return ForeignRoute(
         traverses=(
-            ForeignTraverse(part, _frames(root / part, found), count=len(found)) for part, found in names.items()
+            ForeignTraverse(part, read_frames(root / part, found), count=len(found)) for part, found in names.items()
         ),
         truth=(
             TruthPair("query", queries[query], "ref", references[reference])
@@ -70,12 +70,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     )
 
 
-def _frames(directory: TreePath, names: dict[str, str]) -> Iterator[ForeignFrame]:
-    for stem, content in read_files(directory, {name: stem for stem, name in names.items()}):
-        yield ForeignFrame(stem, content)
-
-
-def _read_truth(path: AnyPath, queries: int, references: int) -> dict[int, list[int]]:
+def _read_truth(path: TreePath, queries: int, references: int) -> dict[int, list[int]]:
     """Returns the indices of the references by the index of the query."""
     truth: dict[int, list[int]] = {}
     for number, row in enumerate(read_object_array(path)):

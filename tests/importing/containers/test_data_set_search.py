@@ -1,4 +1,4 @@
-"""Paths into directories and archives, and finding data sets there."""
+"""Finding data sets in directories and archives."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from tests.importing.packing import pack_files
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.archive_tree import ArchiveTree
-from everplace.importing.containers.tree_path import TreePath, find_data_set, find_places
+from everplace.importing.containers.data_set_search import find_data_set, find_directories
+from everplace.importing.containers.file_trees import TreePath
 
 
 def is_set(place: TreePath) -> bool:
@@ -19,39 +19,13 @@ def is_set(place: TreePath) -> bool:
 
 
 def found(source: Path, *, apart: bool = False) -> list[str]:
-    return [os.path.relpath(place, source) for place in find_places(source, is_set, apart=apart).found]
+    return [os.path.relpath(place, source) for place in find_directories(source, is_set, apart=apart).found]
 
 
 def write(root: Path, *names: str) -> None:
     for name in names:
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_text(name)
-
-
-def test_paths_are_used_like_those_of_the_disk(tmp_path: Path) -> None:
-    write(tmp_path, "set/a/list.txt")
-    packed = TreePath(ArchiveTree(pack_files(tmp_path / "set.tar.gz", [("a/list.txt", b"set/a/list.txt")])))
-    for top, where in ((TreePath.of(tmp_path / "set"), "set"), (packed, "set.tar.gz")):
-        file = top / "a" / "list.txt"
-        assert (top.name, file.name, file.parent.name, file.parent.parent.name) == ("set", "list.txt", "a", "set")
-        assert file.is_file()
-        assert (top / "a").is_dir()
-        assert not (top / "b").is_dir()
-        assert (top / "a").children() == ([], ["list.txt"])
-        with file.open() as opened:
-            assert opened.read() == b"set/a/list.txt"
-        assert readable(file) == str(tmp_path / where / "a/list.txt")
-        assert file.is_on_disk == (where == "set")
-    assert (TreePath.of(tmp_path / "set").parent / "set/a/list.txt").is_file()
-    assert packed.parent is packed
-
-
-def test_an_absolute_name_is_one_on_the_disk(tmp_path: Path) -> None:
-    write(tmp_path, "pairs.txt")
-    place = TreePath(ArchiveTree(pack_files(tmp_path / "a.zip", [("1.png", b"")]))) / str(tmp_path / "pairs.txt")
-    assert place.is_on_disk
-    assert place.is_file()
-    assert place.name == "pairs.txt"
 
 
 def test_each_branch_is_searched_until_one_is_found(tmp_path: Path) -> None:
@@ -81,29 +55,29 @@ def test_archives_of_a_directory_are_unpacked_together_or_apart(tmp_path: Path) 
     assert len(found(tmp_path / "sub")) == 1
     pack_files(tmp_path / "none.zip", [("readme.txt", b"")])
     write(tmp_path, "unpacked/list.txt")
-    places = find_places(tmp_path, is_set, apart=True)
+    places = find_directories(tmp_path, is_set, apart=True)
     assert [place.name for place in places.found] == ["unpacked", "set", "set", "set"]
     assert places.notes == [f"{tmp_path / 'none.zip'} holds no sequence."]
 
 
 def test_what_is_not_read_is_said(tmp_path: Path) -> None:
     write(tmp_path, "a/list.txt", "a/junk/old.zip", "more.tgz")
-    places = find_places(tmp_path, is_set)
+    places = find_directories(tmp_path, is_set)
     assert [place.name for place in places.found] == ["a"]
     assert len(places.notes) == 1
     assert "Not read" in places.notes[0]
     assert {"old.zip", "more.tgz"} <= {Path(word.strip(",.")).name for word in places.notes[0].split()}
     nested = pack_files(tmp_path / "n.zip", [("list.txt", b""), ("b/x.txt", b"")])
-    assert find_places(nested, is_set).notes == []
+    assert find_directories(nested, is_set).notes == []
     nested = pack_files(tmp_path / "n.zip", [("a/list.txt", b""), ("b/more.zip", b"")])
-    assert "n.zip/b/more.zip" in find_places(nested, is_set).notes[0]
+    assert "n.zip/b/more.zip" in find_directories(nested, is_set).notes[0]
 
 
 def test_pipes_and_directories_called_like_archives_are_none(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "p.tar")
     write(tmp_path, "d.zip/list.txt")
     assert found(tmp_path, apart=True) == ["d.zip"]
-    assert find_places(tmp_path, is_set).notes == []
+    assert find_directories(tmp_path, is_set).notes == []
 
 
 def test_one_data_set_is_wanted(tmp_path: Path) -> None:

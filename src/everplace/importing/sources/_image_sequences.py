@@ -5,21 +5,48 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.containers.image_tree import read_files
-from everplace.importing.containers.tree_path import Places, TreePath, find_places
-from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse
-from everplace.importing.positions.trajectory import Trajectory, Up, plane_poses
+from everplace.importing.containers.data_set_search import FoundDirectories, find_directories
+from everplace.importing.containers.file_trees import TreePath, read_files
+from everplace.importing.containers.text_rows import TextRow, read_rows
+from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.positions.trajectory import Trajectory, Up, plane_poses, read_quaternion, rotation_of
 from everplace.route.natural_order import natural_sorted
 from everplace.route.traverse import Pose
 
-__all__ = ["ImageSequence", "SequenceFrame", "find_sequences", "poses_at", "sequences_route"]
+__all__ = [
+    "ImageSequence",
+    "SequenceFrame",
+    "SequenceOptions",
+    "TimedSequenceOptions",
+    "find_sequences",
+    "poses_at",
+    "read_trajectory",
+    "sequences_route",
+]
+
+
+class SequenceOptions(SourceOptions):
+    """Options of all these data sets."""
+
+    poses: bool = True
+    """Whether to read poses where they are there; frames without a pose are then left out."""
+    radius: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """Metres up to which two images show the same place; the data set names none."""
+
+
+class TimedSequenceOptions(SequenceOptions):
+    """Options where poses are found by time."""
+
+    limit: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.02
+    """Seconds from an image to the nearest pose, up to which the pose counts."""
 
 
 class SequenceFrame(NamedTuple):
@@ -57,20 +84,22 @@ class ImageSequence:
     has_poses: bool
 
 
-def find_sequences(source: Path, is_sequence: Callable[[TreePath], bool], what: str, *, apart: bool = False) -> Places:
+def find_sequences(
+    source: Path, is_sequence: Callable[[TreePath], bool], what: str, *, apart: bool = False
+) -> FoundDirectories:
     """Returns the source if it is a sequence, else the sequences below it, in natural order of their names.
 
     Args:
         source: What the user gave.
         is_sequence: Says of a directory whether it is one.
         what: What a sequence must hold, for the message.
-        apart: Each archive of a directory is a sequence of its own; see `find_places`.
+        apart: Each archive of a directory is a sequence of its own; see `find_directories`.
 
     Raises:
         RouteError: There is none, two have the same name (what is unpacked counts before its archive), or an archive is
             damaged.
     """
-    found, notes = find_places(source, is_sequence, apart=apart)
+    found, notes = find_directories(source, is_sequence, apart=apart)
     if not found:
         raise RouteError(
             f"neither {readable(source)} nor a directory in it holds {what}; give a sequence or the directory above "
@@ -80,13 +109,34 @@ def find_sequences(source: Path, is_sequence: Callable[[TreePath], bool], what: 
     for place in found:
         other = named.setdefault(place.name, place)
         if other.is_on_disk and not place.is_on_disk:
-            notes = [*notes, f"{readable(place.tree.path)} holds {readable(place.name)} too, which is unpacked."]
+            notes = [*notes, f"{readable(place.source)} holds {readable(place.name)} too, which is unpacked."]
         elif other is not place:
             raise RouteError(
                 f"{readable(other)} and {readable(place)} would both be the sequence {readable(place.name)}; keep one "
                 "of them, or rename it"
             )
-    return Places([named[name] for name in natural_sorted(named)], notes)
+    return FoundDirectories([named[name] for name in natural_sorted(named)], notes)
+
+
+def read_trajectory(
+    path: TreePath, seconds: Callable[[TextRow], float], separator: str | None = None, *, w_first: bool
+) -> Trajectory:
+    """Reads poses over time, a line `time x y z` and a quaternion each.
+
+    Args:
+        path: The file.
+        seconds: Reads the time of a line.
+        separator: What stands between two fields; None: white space.
+        w_first: Whether w is the first of a quaternion's four numbers, or the last.
+
+    Raises:
+        RouteError: The file is malformed or holds no pose.
+    """
+    rows = list(read_rows(path, separator))
+    if not rows:
+        raise RouteError(f"{readable(path)} holds no pose; get the sequence again, or import with --set poses=false")
+    quaternions = [read_quaternion(row, 4, w_first=w_first) for row in rows]
+    return Trajectory.of([seconds(row) for row in rows], [row.floats(1, 4) for row in rows], rotation_of(quaternions))
 
 
 def poses_at(
