@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from everplace.errors import EverplaceError
-from everplace.experiments.evaluation import evaluate_method
+from everplace.experiments.evaluation import evaluate_retrieval
 from everplace.files import write_text
 from everplace.route.route import Route, open_route
 from everplace.route.selection import Selection, parse_frames
-from everplace.scoring.retrieval import Matching, Truth
+from everplace.scoring.retrieval import retrieve
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
 from studies import comparisons, folds, sequences
@@ -124,19 +124,12 @@ def _fit_and_evaluate(route: Route, protocol: Protocol, config: TrainConfig, run
 
 
 def _evaluate(route: Route, protocol: Protocol, method: str) -> list[dict[str, Any]]:
-    measured = []
-    for query, database in protocol.pairs:
-        evaluation = evaluate_method(
-            route,
-            method,
-            query=query,
-            database=database,
-            selection=Selection(parse_frames(protocol.test_frames), protocol.filtered, protocol.filtered),
-            truth=Truth(protocol.tolerance),
-            matching=Matching(),
-        )
-        measured.append(evaluation.metrics())
-    return measured
+    selection = Selection(parse_frames(protocol.test_frames), protocol.filtered, protocol.filtered)
+    found = (
+        retrieve(route, query, database, method, tolerance=protocol.tolerance, selection=selection)
+        for query, database in protocol.pairs
+    )
+    return [evaluate_retrieval(result, method).metrics() for result in found]
 
 
 def _table(protocol: Protocol, ledger: dict[str, Any]) -> str:

@@ -10,15 +10,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from everplace.experiments.evaluation import Evaluation, evaluate_method, write_evaluation
+from everplace.experiments.evaluation import Evaluation, evaluate_retrieval, write_evaluation
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.model.checkpoint import save_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.model_config import ModelConfig
 from everplace.report.blocks import escaped
 from everplace.route.route import open_route
-from everplace.route.selection import Selection
-from everplace.scoring.retrieval import Matching, Truth
+from everplace.scoring.retrieval import Truth, retrieve
 from everplace.training.config import TrainConfig, write_config
 
 PLACES = 6
@@ -44,10 +43,8 @@ def evaluated(route: Path, run: Path, about: dict[str, str], truth: Truth) -> Ev
     config = ModelConfig.model_validate({**settings, "places": 3, "fully_connected": False})
     save_checkpoint(run, ConditionVAE(config), about)
     write_config(run, TrainConfig.build(model="cp-vae", epochs=1))
-    return evaluate_method(
-        open_route(route), str(run), query="day", database="night", selection=Selection(), truth=truth,
-        matching=Matching(),
-    )  # fmt: skip
+    result = retrieve(open_route(route), "day", "night", run, tolerance=truth.tolerance, radius=truth.radius)
+    return evaluate_retrieval(result, str(run))
 
 
 @pytest.mark.slow
@@ -101,10 +98,7 @@ def test_pictures_of_an_earlier_method_do_not_stay(route: Path, tmp_path: Path) 
     for name in latent:  # not written by an evaluation, so not removed by one
         out.mkdir(exist_ok=True)
         (out / name).write_bytes(b"mine")
-    hog = evaluate_method(
-        open_route(route), "hog", query="day", database="night", selection=Selection(), truth=Truth(tolerance=1),
-        matching=Matching(),
-    )  # fmt: skip
+    hog = evaluate_retrieval(retrieve(open_route(route), "day", "night", "hog", tolerance=1), "hog")
     write_evaluation(hog, out, details={})
     assert {(out / name).read_bytes() for name in latent} == {b"mine"}
     write_evaluation(evaluated(route, tmp_path / "run", {}, Truth(tolerance=1)), out, details={})
@@ -122,10 +116,6 @@ def test_traverse_and_condition_are_both_told(route: Path, tmp_path: Path) -> No
     copy = tmp_path / "route"
     shutil.copytree(route, copy)
     (copy / "route.toml").write_text('[traverses.day]\ncondition = "sun"\n[traverses.night]\ncondition = "dark"\n')
-    evaluation = evaluate_method(
-        open_route(copy), "sad", query="sun", database="night", selection=Selection(), truth=Truth(tolerance=1),
-        matching=Matching(),
-    )  # fmt: skip
-    metrics = evaluation.metrics()
+    metrics = evaluate_retrieval(retrieve(open_route(copy), "sun", "night", "sad", tolerance=1), "sad").metrics()
     assert (metrics["query_traverse"], metrics["database_traverse"]) == ("day", "night")
     assert (metrics["query_condition"], metrics["database_condition"]) == ("sun", "dark")

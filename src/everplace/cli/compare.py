@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from everplace.cli.options import (
+    Conditions,
     DropDark,
     DropStationary,
     Epochs,
@@ -26,23 +26,23 @@ from everplace.cli.options import (
     SequenceSearch,
     Standardise,
     Tolerance,
+    chosen_route,
+    only_given,
+    require_one_length,
+    selection_of,
+    split_names,
 )  # fmt: skip
 from everplace.cli.output import (
     named_settings,
-    one_of,
     provenance,
     require_directory,
-    require_one_length,
     require_outside,
     show_progress,
     show_result,
     warn,
+    warn_of_seen_places,
 )
 from everplace.files import readable
-
-if TYPE_CHECKING:
-    from everplace.describe.describer import Describer
-    from everplace.route.route import Route
 
 __all__ = ["compare", "register"]
 
@@ -54,6 +54,7 @@ def register(app: typer.Typer) -> None:
 
 def compare(
     route: RouteArgument,
+    *,
     methods: Annotated[
         str,
         typer.Option(
@@ -67,9 +68,7 @@ def compare(
     fit_frames: Annotated[
         str, typer.Option("--fit-frames", metavar="A:B", help="Places to fit methods on that must be fitted.")
     ] = "",
-    conditions: Annotated[
-        str, typer.Option("--conditions", metavar="A,B", help="Traverses or conditions to compare between [all].")
-    ] = "",
+    conditions: Conditions = "",
     tolerance: Tolerance = None,
     radius: Radius = None,
     drop_dark: DropDark = False,
@@ -90,8 +89,6 @@ def compare(
 
     Example: everplace compare my-route --methods cp-vae,sad,hog --fit-frames 0:800 --frames 820: --out result
     """
-    how = one_of(standardise, "--standardise", ("centre", "full"))
-    search = one_of(sequence_method, "--sequence-method", ("filter", "seqslam", "mean"))
     require_one_length(epochs, minutes)
     require_directory(out)
     require_outside(out, route)
@@ -99,49 +96,37 @@ def compare(
     from everplace.experiments.comparison_report import write_comparison
     from everplace.experiments.fitting import fit_and_open, require_fit_settings, select_tested
     from everplace.experiments.manifest import open_study, require_same_study
-    from everplace.route.route import open_route
-    from everplace.route.selection import Selection, parse_frames
-    from everplace.scoring.retrieval import Matching, Truth
+    from everplace.match.matching import Matching
+    from everplace.scoring.retrieval import Truth
 
-    opened = open_route(route)
-    names = tuple(name for name in conditions.split(",") if name)
-    chosen = opened.choose(names) if names else opened
-    wanted = [name for name in methods.split(",") if name]
-    selection = Selection(parse_frames(frames) if frames else None, drop_dark, drop_stationary)
-    chosen_by = {"conditions": names, "drop_dark": drop_dark, "drop_stationary": drop_stationary}
-    given = {"image_size": image_size, "grey": grey or None, "seed": seed, "epochs": epochs, "minutes": minutes}
-    settings = {**chosen_by, **{key: value for key, value in given.items() if value is not None}}
+    progress = show_progress()
+    chosen, wanted = chosen_route(route, conditions), split_names(methods)
+    selection = selection_of(frames, drop_dark, drop_stationary)
+    places = {"conditions": split_names(conditions), "drop_dark": drop_dark, "drop_stationary": drop_stationary}
+    settings = places | only_given(image_size=image_size, grey=grey, seed=seed, epochs=epochs, minutes=minutes)
     with named_settings(settings):
         require_fit_settings(settings)
-    tested = select_tested(chosen, wanted, selection, fit_frames, show_progress())
+    tested = select_tested(chosen, wanted, selection, fit_frames, progress)
     study = open_study(
         tested,
         Truth(tolerance, radius),
-        Matching(how, sequence, search),
-        split={**chosen_by, "frames": frames},
-        progress=show_progress(),
+        Matching(standardise, sequence, sequence_method),
+        split={**places, "frames": frames},
+        progress=progress,
     )
     require_same_study(out, study)
-    ready = fit_and_open(chosen, wanted, fit_frames, out, settings=settings, progress=show_progress())
-    _warn_of_seen_places(ready.describers, tested)
-    comparison = compare_methods(study, ready, out, command=_command(), progress=show_progress())
+    ready = fit_and_open(chosen, wanted, fit_frames, out, settings=settings, progress=progress)
+    warn_of_seen_places(ready.describers, tested, "Test on others with --frames")
+    comparison = compare_methods(study, ready, out, command=_command(), progress=progress)
     for method, reason in comparison.left_out.items():
         warn(f"{method} is left out: {reason}")
     for note in comparison.notes:
         warn(note)
-    write_comparison(comparison, out, title=f"Comparison on {opened.name}", details=provenance())
+    write_comparison(comparison, out, title=f"Comparison on {chosen.name}", details=provenance())
     if as_json:
         show_result(comparison.metrics(), as_json=True)
     else:
         print((out / "table.md").read_text("utf-8"), end="")
-
-
-def _warn_of_seen_places(describers: Mapping[str, Describer], tested: Route) -> None:
-    from everplace.experiments.evaluation import seen_places, seen_sentence
-
-    for label, describer in describers.items():
-        if seen := seen_places(describer, tested):
-            warn(f"{seen_sentence(label, seen)} Test on others with --frames")
 
 
 def _command() -> str:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Any
 
 import typer
 
 from everplace.cli import data_align, data_fetch, data_import, data_inspect
-from everplace.cli.options import AnySize, Grey, Json, OutDirectory, RouteArgument
+from everplace.cli.options import AnySize, Grey, Json, OutDirectory, RouteArgument, split_names
 from everplace.cli.output import (
     require_directory,
     require_outside,
@@ -55,7 +55,7 @@ def render(
     if image_size is not None:
         given["size"] = image_size
     if conditions:
-        given["conditions"] = tuple(name for name in conditions.split(",") if name)
+        given["conditions"] = split_names(conditions)
     config = render_config(given)
     render_route(out, config, progress=show_progress(), workers=usable_cores())
     show_result({"route": str(out), "traverses": list(config.conditions), "places": config.places}, as_json)
@@ -66,7 +66,7 @@ def pack(
     image_size: AnySize = None,
     grey: Grey = False,
     cache: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--cache", metavar="DIR", help="Where packs are kept [$EVERPLACE_CACHE, else the user's cache]."),
     ] = None,
     as_json: Json = False,

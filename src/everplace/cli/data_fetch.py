@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -30,7 +30,7 @@ def fetch(
         str, typer.Argument(metavar="NAME", help="nordland64, nordland, nordland-olid, gardens-point, ...")
     ],
     out: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--out", metavar="DIR", help="Where to put it [$EVERPLACE_CACHE, else the user's cache]."),
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Agree to the licence; nobody is asked.")] = False,

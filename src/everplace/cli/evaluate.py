@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import typer
 
 from everplace.cli.options import (
@@ -12,6 +10,7 @@ from everplace.cli.options import (
     DropStationary,
     Frames,
     Json,
+    Method,
     OutDirectory,
     Query,
     Radius,
@@ -20,15 +19,15 @@ from everplace.cli.options import (
     SequenceSearch,
     Standardise,
     Tolerance,
+    selection_of,
 )  # fmt: skip
 from everplace.cli.output import (
-    one_of,
     provenance,
     require_directory,
     require_outside,
     show_progress,
     show_result,
-    warn,
+    warn_of_retrieval,
 )
 
 __all__ = ["evaluate", "register"]
@@ -41,7 +40,8 @@ def register(app: typer.Typer) -> None:
 
 def evaluate(
     route: RouteArgument,
-    method: Annotated[str, typer.Option("--method", metavar="METHOD", help="A run directory, or sad, hog, ...")],
+    *,
+    method: Method,
     database: Database,
     query: Query,
     out: OutDirectory,
@@ -59,28 +59,19 @@ def evaluate(
 
     Example: everplace evaluate my-route --method hog --database summer --query winter --frames 1620: --out result
     """
-    how = one_of(standardise, "--standardise", ("centre", "full"))
-    search = one_of(sequence_method, "--sequence-method", ("filter", "seqslam", "mean"))
     require_directory(out)
     require_outside(out, route)
-    from everplace.experiments.evaluation import evaluate_method, seen_sentence, write_evaluation
+    from everplace.experiments.evaluation import evaluate_retrieval, write_evaluation
+    from everplace.match.matching import Matching
     from everplace.route.route import open_route
-    from everplace.route.selection import Selection, parse_frames
-    from everplace.scoring.retrieval import Matching, Truth, of_itself_sentence
+    from everplace.scoring.retrieval import retrieve
 
-    evaluation = evaluate_method(
-        open_route(route),
-        method,
-        query=query,
-        database=database,
-        selection=Selection(parse_frames(frames) if frames else None, drop_dark, drop_stationary),
-        truth=Truth(tolerance, radius),
-        matching=Matching(how, sequence, search),
-        progress=show_progress(),
-    )
-    if evaluation.trained_places:
-        warn(f"{seen_sentence(method, evaluation.trained_places)} Test on others with --frames")
-    if evaluation.pair.of_itself:
-        warn(of_itself_sentence(evaluation.pair))
+    result = retrieve(
+        open_route(route), query, database, method, tolerance=tolerance, radius=radius,
+        selection=selection_of(frames, drop_dark, drop_stationary),
+        matching=Matching(standardise, sequence, sequence_method), progress=show_progress(),
+    )  # fmt: skip
+    evaluation = evaluate_retrieval(result, method, show_progress())
+    warn_of_retrieval(result, method, "Test on others with --frames")
     write_evaluation(evaluation, out, details=provenance())
     show_result(evaluation.metrics(), as_json)

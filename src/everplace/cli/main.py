@@ -106,6 +106,7 @@ def _usage(error: Exception, arguments: list[str]) -> int:
     """Says what is wrong with the command line, in one sentence with the way to the help."""
     format_message = getattr(error, "format_message", None)
     message = str(format_message() if callable(format_message) else error).strip().rstrip(".")
+    message = message.replace("Value error, ", "")  # what the parser puts before the reason
     context = getattr(error, "ctx", None)
     if message.startswith("Usage:"):  # no arguments at all: the message is the help
         print(message, file=sys.stderr)

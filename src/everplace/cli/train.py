@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated
 
 import typer
 
 from everplace.cli.options import (
+    Conditions,
     DropDark,
     DropStationary,
     Epochs,
@@ -20,12 +21,13 @@ from everplace.cli.options import (
     OutDirectory,
     RouteArgument,
     Seed,
+    only_given,
+    require_one_length,
+    split_names,
 )  # fmt: skip
 from everplace.cli.output import (
     named_settings,
-    one_of,
     require_directory,
-    require_one_length,
     require_outside,
     show_progress,
     show_result,
@@ -43,11 +45,10 @@ def register(app: typer.Typer) -> None:
 
 def train(
     route: RouteArgument,
+    *,
     model: Annotated[str, typer.Option("--model", metavar="vae|c-vae|cp-vae|cae|fabmap", help="Which method to fit.")],
     out: OutDirectory,
-    conditions: Annotated[
-        str, typer.Option("--conditions", metavar="A,B", help="Traverses or conditions to train on [all].")
-    ] = "",
+    conditions: Conditions = "",
     frames: Frames = "",
     image_size: ImageSize = None,
     grey: Grey = False,
@@ -60,7 +61,7 @@ def train(
         str, typer.Option("--recipe", help="faithful: the paper's bound alone; best: CP-VAE with remedies.")
     ] = "",
     config: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--config", metavar="FILE.toml", help="Settings; options given beside it count more."),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue where the run in --out stands.")] = False,
@@ -78,21 +79,13 @@ def train(
     from everplace.training.config import read_toml
     from everplace.training.fitted_methods import FITTED_METHODS, build_config, fit_method
 
-    one_of(model, "--model", FITTED_METHODS)
+    if model not in FITTED_METHODS:
+        raise ConfigError(f"--model {model!r} is not known; choose {' or '.join(FITTED_METHODS)}")
     require_one_length(epochs, minutes)
-    given: dict[str, Any] = {
-        "conditions": tuple(name for name in conditions.split(",") if name) or None,
-        "frames": frames or None,
-        "image_size": image_size,
-        "grey": grey or None,
-        "drop_dark": drop_dark or None,
-        "drop_stationary": drop_stationary or None,
-        "epochs": epochs,
-        "minutes": minutes,
-        "seed": seed,
-        "recipe": recipe or None,
-    }
-    options = {"model": model} | {key: value for key, value in given.items() if value is not None}
+    options = only_given(
+        model=model, conditions=split_names(conditions), frames=frames, image_size=image_size, grey=grey,
+        drop_dark=drop_dark, drop_stationary=drop_stationary, epochs=epochs, minutes=minutes, seed=seed, recipe=recipe,
+    )  # fmt: skip
     values = (read_toml(config) if config is not None else {}) | options
     if epochs is not None and minutes is None:
         values.pop("minutes", None)

@@ -21,13 +21,14 @@ from everplace.experiments.comparison_parts import PARTS, MethodResult, PairResu
 from everplace.experiments.evaluation import audit_pair, seen_places, seen_sentence
 from everplace.experiments.fitting import Methods
 from everplace.experiments.manifest import MANIFEST, Study, require_same_study
-from everplace.experiments.recipe_names import ingredient_metrics, named_ingredients
+from everplace.experiments.recipe_names import named_recipe, recipe_metrics
 from everplace.files import remove_leftovers, write_json
 from everplace.locking import locked
+from everplace.match.matching import Matching
 from everplace.match.standardise import standardisable
 from everplace.progress import Progress, quiet
 from everplace.route.route import Route
-from everplace.scoring.retrieval import Matching, Pair, Retrieval, Truth, pair_of, retrieve, true_matches
+from everplace.scoring.retrieval import Pair, Retrieval, Truth, pair_of, retrieve_pair
 
 __all__ = ["COSTS", "SCORES", "Cell", "Comparison", "compare_methods"]
 
@@ -101,8 +102,8 @@ class Comparison:
     @property
     def remarks(self) -> list[str]:
         """What must stand at every table: the remedies of each run, and how many tested places it had seen."""
-        named = {label: named_ingredients(one.settings()) for label, one in self.describers.items()}
-        told = [f"{label}: {ingredients}" for label, ingredients in named.items() if ingredients is not None]
+        named = {label: named_recipe(one.settings()) for label, one in self.describers.items()}
+        told = [f"{label}: {recipe}" for label, recipe in named.items() if recipe is not None]
         seen = [seen_sentence(label, count) for label, count in self.trained_places.items() if count]
         return told + seen
 
@@ -148,7 +149,7 @@ class Comparison:
             ],
             "methods": {
                 label: {
-                    **ingredient_metrics(self.describers[label].settings()),
+                    **recipe_metrics(self.describers[label].settings()),
                     "trained_places_tested": count,
                 }
                 for label, count in self.trained_places.items()
@@ -173,16 +174,12 @@ class Comparison:
 
     def retrieval(self, pair: Pair, label: str) -> Retrieval:
         """One method's retrieval with its similarity matrix, which is not kept, from the descriptors that are."""
-        matches, _ = true_matches(self.route, pair, self.truth)
         described = {
             traverse.name: self.parts[label].described(self.describers[label], number, traverse)
             for number, traverse in enumerate(self.route.traverses)
             if traverse.name in (pair.query.name, pair.database.name)
         }
-        return retrieve(
-            self.describers[label], pair, matches, self.matching, described=described,
-            ms_per_image=self.methods[label].ms_per_image,
-        )  # fmt: skip
+        return retrieve_pair(pair, self.describers[label], self.truth, self.matching, described=described)
 
 
 def compare_methods(
@@ -242,8 +239,7 @@ def _run(study: Study, describer: Describer, source: str | None, part: Part, pro
     pairs: dict[tuple[str, str], PairResult] = {}
     for query, database in permutations(route.traverses, 2):
         pair = pair_of(route, query.name, database.name)
-        matches, _ = true_matches(route, pair, study.truth)
-        one = retrieve(describer, pair, matches, study.matching, described=described, ms_per_image=ms_per_image)
+        one = retrieve_pair(pair, describer, study.truth, study.matching, described=described)
         pairs[query.name, database.name] = PairResult(one.scores, one.curve, one.new_place)
     audited = audit_pair(describer, route, study.truth, progress)
     return MethodResult(pairs, describer.dimension, ms_per_image, peak, unmeasured, audited)

@@ -10,19 +10,17 @@ from matplotlib.figure import Figure
 from everplace.describe.runs.vae import VAEDescriber
 from everplace.experiments.captions import (
     match_caption,
-    match_note,
     matching_words,
     matrix_caption,
     pair_words,
     right_words,
-    score_words,
 )
 from everplace.experiments.comparison import COSTS, SCORES, Cell, Comparison
 from everplace.experiments.comparison_parts import PairResult, keep_pictures
 from everplace.experiments.latent_report import audit_section, latent_section
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.recipe_names import named_method
-from everplace.experiments.retrieval_pictures import match_figure, matrix_figure
+from everplace.experiments.retrieval_pictures import match_figure, matrix_figure, score_of, title_of
 from everplace.files import json_text, write_json, write_text
 from everplace.locking import locked
 from everplace.plots.canvas import new_figure, save_figure
@@ -135,19 +133,18 @@ def _pair_section(
     _say_remarks(section, comparison)
     many = len(comparison.results) > _FEW_PAIRS
     for label in _shown(comparison, areas)[-1 if many else 0 :]:
-        retrieval, truth = comparison.retrieval(pair, label), comparison.truth
-        title = f"{shown[label]}: {pair_words(query, database)}"
-        score = score_words(comparison.describers[label].metric, comparison.matching)
+        result = comparison.retrieval(pair, label)
+        title, score = title_of(result, shown[label]), score_of(result)
         section.figure(
-            matrix_figure(pair, retrieval, title=title, note=f"right: {right_words(truth)}", score=score),
+            matrix_figure(result, shown[label]),
             alt=f"Similarity matrix of {title}.",
-            caption=matrix_caption(query, database, truth, score),
+            caption=matrix_caption(query, database, result.rule, score),
             dpi=96 if many else 192,
         )
         section.figure(
-            match_figure(pair, retrieval, title=title, note=match_note(truth, score), count=4 if many else 8),
+            match_figure(result, shown[label], count=4 if many else 8),
             alt=f"Matches of {title}.",
-            caption=match_caption(truth, score),
+            caption=match_caption(result.rule, score),
             dpi=96 if many else 192,
         )
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from everplace.choices import SEQUENCE_METHODS, SequenceMethod
 from everplace.errors import ConfigError
 from everplace.sequences.route_filter import filter_windows
 from everplace.sequences.route_model import checked_scores
 from everplace.sequences.seqslam import seqslam
 
-__all__ = ["SEQUENCE_METHODS", "SequenceMethod", "average_sequences", "search_sequences"]
-
-SequenceMethod: TypeAlias = Literal["filter", "seqslam", "mean"]
-
-SEQUENCE_METHODS: tuple[SequenceMethod, ...] = get_args(SequenceMethod)
+__all__ = ["average_sequences", "search_sequences"]
 
 
 def search_sequences(S: NDArray[Any], length: int, method: SequenceMethod = "filter") -> NDArray[np.floating[Any]]:
