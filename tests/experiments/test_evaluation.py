@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from markupsafe import escape
 from PIL import Image
 
 from everplace.experiments.evaluation import Evaluation, evaluate_retrieval, write_evaluation
@@ -15,7 +16,6 @@ from everplace.experiments.manifest import DEFINITIONS
 from everplace.model.checkpoint import save_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.model_config import ModelConfig
-from everplace.report.blocks import escaped
 from everplace.route.route import open_route
 from everplace.scoring.retrieval import Truth, retrieve
 from everplace.training.config import TrainConfig, write_config
@@ -87,7 +87,7 @@ def test_the_report_says_how_it_was_measured(route: Path, tmp_path: Path) -> Non
         "mean of the precision at the lowest recall and recall at 100 % precision.",
         *(DEFINITIONS[name] for name in ("curve", "recall@N", "auc_pr", "AP", "R@100%P", "dimension", "ms/image")),
     ):
-        assert escaped(said) in section
+        assert escape(said) in section
     assert "match plain" not in page
 
 

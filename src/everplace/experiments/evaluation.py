@@ -27,8 +27,8 @@ from everplace.images.decoding import ImageSpec
 from everplace.plots.canvas import save_figure
 from everplace.plots.interactive import precision_recall_figure
 from everplace.progress import Progress, quiet
-from everplace.report.blocks import Value
 from everplace.report.html import Report
+from everplace.report.table_cells import Value
 from everplace.route.pack import pack
 from everplace.route.route import Route
 from everplace.scoring.retrieval import Retrieval, Truth
