@@ -8,30 +8,8 @@ from typing import Annotated
 
 import typer
 
-from everplace.cli.options import (
-    Conditions,
-    DropDark,
-    DropStationary,
-    Epochs,
-    Frames,
-    Grey,
-    ImageSize,
-    Json,
-    Minutes,
-    OutDirectory,
-    Radius,
-    RouteArgument,
-    Seed,
-    Sequence,
-    SequenceSearch,
-    Standardise,
-    Tolerance,
-    chosen_route,
-    only_given,
-    require_one_length,
-    selection_of,
-    split_names,
-)  # fmt: skip
+from everplace.cli import options
+from everplace.cli.options import chosen_route, only_given, require_one_length, selection_of, split_names
 from everplace.cli.output import (
     named_settings,
     provenance,
@@ -44,16 +22,11 @@ from everplace.cli.output import (
 )
 from everplace.files import readable
 
-__all__ = ["compare", "register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command("compare")(compare)
+__all__ = ["compare"]
 
 
 def compare(
-    route: RouteArgument,
+    route: options.RouteArgument,
     *,
     methods: Annotated[
         str,
@@ -63,25 +36,25 @@ def compare(
             help="Run directories, sad, hog, ..., or vae, c-vae, cp-vae, cae, fabmap to fit.",
         ),
     ],
-    out: OutDirectory,
-    frames: Frames = "",
+    out: options.OutDirectory,
+    frames: options.Frames = "",
     fit_frames: Annotated[
         str, typer.Option("--fit-frames", metavar="A:B", help="Places to fit methods on that must be fitted.")
     ] = "",
-    conditions: Conditions = "",
-    tolerance: Tolerance = None,
-    radius: Radius = None,
-    drop_dark: DropDark = False,
-    drop_stationary: DropStationary = False,
-    standardise: Standardise = None,
-    sequence: Sequence = 1,
-    sequence_method: SequenceSearch = "filter",
-    image_size: ImageSize = None,
-    grey: Grey = False,
-    epochs: Epochs = None,
-    minutes: Minutes = None,
-    seed: Seed = None,
-    as_json: Json = False,
+    conditions: options.Conditions = "",
+    tolerance: options.Tolerance = None,
+    radius: options.Radius = None,
+    drop_dark: options.DropDark = False,
+    drop_stationary: options.DropStationary = False,
+    standardise: options.Standardise = None,
+    sequence: options.Sequence = 1,
+    sequence_method: options.SequenceSearch = "filter",
+    image_size: options.ImageSize = None,
+    grey: options.Grey = False,
+    epochs: options.Epochs = None,
+    minutes: options.Minutes = None,
+    seed: options.Seed = None,
+    as_json: options.Json = False,
 ) -> None:
     """Compare methods on all ordered pairs of conditions; DIR gets metrics.json, table.md, pr_curves.png, report.html.
 

@@ -7,7 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
-from everplace.cli import data_align, data_fetch, data_import, data_inspect
+from everplace.cli.data_align import align
+from everplace.cli.data_fetch import fetch
+from everplace.cli.data_import import import_, list_
+from everplace.cli.data_inspect import inspect
 from everplace.cli.options import AnySize, Grey, Json, OutDirectory, RouteArgument, split_names
 from everplace.cli.output import (
     require_directory,
@@ -16,19 +19,7 @@ from everplace.cli.output import (
     show_result,
 )
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the sub-commands."""
-    data = typer.Typer(help="Fetch, import, render, look at and pack routes.", no_args_is_help=True)
-    data.command("render")(render)
-    data.command("pack")(pack)
-    data_fetch.register(data)
-    data_import.register(data)
-    data_align.register(data)
-    data_inspect.register(data)
-    app.add_typer(data, name="data")
+__all__ = ["app"]
 
 
 def render(
@@ -89,3 +80,13 @@ def pack(
         for traverse in opened.traverses
     }
     show_result({"route": str(route), "packed": shapes}, as_json)
+
+
+app = typer.Typer(help="Fetch, import, render, look at and pack routes.", no_args_is_help=True)
+app.command("render")(render)
+app.command("pack")(pack)
+app.command("fetch")(fetch)
+app.command("import")(import_)
+app.command("list")(list_)
+app.command("align")(align)
+app.command("inspect")(inspect)

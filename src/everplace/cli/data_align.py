@@ -19,12 +19,7 @@ from everplace.cli.output import (
 )
 from everplace.errors import ConfigError
 
-__all__ = ["register"]
-
-
-def register(data: typer.Typer) -> None:
-    """Adds the command to `everplace data`."""
-    data.command("align")(align)
+__all__ = ["align"]
 
 
 def align(

@@ -17,12 +17,7 @@ if TYPE_CHECKING:
     from everplace.importing.catalogue import DataSet
     from everplace.importing.dataset_fetching import Fetched
 
-__all__ = ["fetch", "register"]
-
-
-def register(data: typer.Typer) -> None:
-    """Adds the command to `everplace data`."""
-    data.command("fetch")(fetch)
+__all__ = ["fetch"]
 
 
 def fetch(

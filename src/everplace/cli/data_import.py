@@ -11,13 +11,7 @@ from everplace.cli.options import Json, OutDirectory
 from everplace.cli.output import require_directory, show_progress, show_result, warn
 from everplace.errors import ConfigError
 
-__all__ = ["register"]
-
-
-def register(data: typer.Typer) -> None:
-    """Adds the commands to `everplace data`."""
-    data.command("import")(import_)
-    data.command("list")(list_)
+__all__ = ["import_", "list_"]
 
 
 def import_(

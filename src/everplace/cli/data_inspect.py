@@ -15,14 +15,9 @@ if TYPE_CHECKING:
     from everplace.route.inspection import Inspection, TraverseInspection
     from everplace.route.route import Route
 
-__all__ = ["inspect", "register"]
+__all__ = ["inspect"]
 
 _SHOWN = 5
-
-
-def register(data: typer.Typer) -> None:
-    """Adds the command to `everplace data`."""
-    data.command("inspect")(inspect)
 
 
 def inspect(

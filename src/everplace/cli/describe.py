@@ -18,12 +18,7 @@ from everplace.cli.output import (
 from everplace.errors import ConfigError
 from everplace.files import readable
 
-__all__ = ["describe", "register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command("describe")(describe)
+__all__ = ["describe"]
 
 
 def describe(

@@ -2,25 +2,8 @@
 
 from __future__ import annotations
 
-import typer
-
-from everplace.cli.options import (
-    Database,
-    DropDark,
-    DropStationary,
-    Frames,
-    Json,
-    Method,
-    OutDirectory,
-    Query,
-    Radius,
-    RouteArgument,
-    Sequence,
-    SequenceSearch,
-    Standardise,
-    Tolerance,
-    selection_of,
-)  # fmt: skip
+from everplace.cli import options
+from everplace.cli.options import selection_of
 from everplace.cli.output import (
     provenance,
     require_directory,
@@ -30,30 +13,25 @@ from everplace.cli.output import (
     warn_of_retrieval,
 )
 
-__all__ = ["evaluate", "register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command("evaluate")(evaluate)
+__all__ = ["evaluate"]
 
 
 def evaluate(
-    route: RouteArgument,
+    route: options.RouteArgument,
     *,
-    method: Method,
-    database: Database,
-    query: Query,
-    out: OutDirectory,
-    frames: Frames = "",
-    tolerance: Tolerance = None,
-    radius: Radius = None,
-    drop_dark: DropDark = False,
-    drop_stationary: DropStationary = False,
-    standardise: Standardise = None,
-    sequence: Sequence = 1,
-    sequence_method: SequenceSearch = "filter",
-    as_json: Json = False,
+    method: options.Method,
+    database: options.Database,
+    query: options.Query,
+    out: options.OutDirectory,
+    frames: options.Frames = "",
+    tolerance: options.Tolerance = None,
+    radius: options.Radius = None,
+    drop_dark: options.DropDark = False,
+    drop_stationary: options.DropStationary = False,
+    standardise: options.Standardise = None,
+    sequence: options.Sequence = 1,
+    sequence_method: options.SequenceSearch = "filter",
+    as_json: options.Json = False,
 ) -> None:
     """Score a method between two conditions; DIR gets metrics.json, pictures and report.html.
 

@@ -20,12 +20,7 @@ from everplace.files import readable
 if TYPE_CHECKING:
     from everplace.describe.files.descriptors import Descriptors
 
-__all__ = ["match", "register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command("match")(match)
+__all__ = ["match"]
 
 
 def match(

@@ -8,25 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from everplace.cli.options import (
-    Conditions,
-    Database,
-    DropDark,
-    DropStationary,
-    Frames,
-    Json,
-    Method,
-    OutFile,
-    Query,
-    Radius,
-    RouteArgument,
-    Sequence,
-    SequenceSearch,
-    Standardise,
-    Tolerance,
-    chosen_route,
-    selection_of,
-)  # fmt: skip
+from everplace.cli import options
+from everplace.cli.options import chosen_route, selection_of
 from everplace.cli.output import require_picture, show_progress, show_result, warn_of_retrieval
 
 if TYPE_CHECKING:
@@ -35,40 +18,25 @@ if TYPE_CHECKING:
     from everplace.model.condition_vae import ConditionVAE
     from everplace.route.route import Route
 
-__all__ = ["register"]
+__all__ = ["app"]
 
 RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="Run directory of a c-vae or cp-vae.")]
 Count = Annotated[int, typer.Option("--count", min=1, help="Places to show.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Adds the sub-commands."""
-    show = typer.Typer(help="Draw one picture: swap, constant, translate, matrix or matches.", no_args_is_help=True)
-    show.command("swap")(swap)
-    show.command("constant")(constant)
-    show.command("translate")(translate)
-    for name, what in (
-        ("matrix", "the similarity matrix with its truth and the best matches"),
-        ("matches", "a gallery of right and wrong matches"),
-    ):
-        example = f"everplace show {name} my-route --method hog --database summer --query winter --out {name}.png"
-        show.command(name, help=f"Draw {what}.\n\nExample: {example}")(_retrieval_command(name))
-    app.add_typer(show, name="show")
-
-
 def swap(
     run: RunArgument,
-    route: RouteArgument,
+    route: options.RouteArgument,
     *,
-    out: OutFile,
-    conditions: Conditions = "",
-    frames: Frames = "",
+    out: options.OutFile,
+    conditions: options.Conditions = "",
+    frames: options.Frames = "",
     place: Annotated[
         int | None, typer.Option("--place", min=0, help="Position of the place among --frames [the middle one].")
     ] = None,
-    drop_dark: DropDark = False,
-    drop_stationary: DropStationary = False,
-    as_json: Json = False,
+    drop_dark: options.DropDark = False,
+    drop_stationary: options.DropStationary = False,
+    as_json: options.Json = False,
 ) -> None:
     """Decode z_p of one frame with z_c of another, for one place in all conditions.
 
@@ -86,15 +54,15 @@ def swap(
 
 def constant(
     run: RunArgument,
-    route: RouteArgument,
+    route: options.RouteArgument,
     *,
-    out: OutFile,
-    conditions: Conditions = "",
-    frames: Frames = "",
+    out: options.OutFile,
+    conditions: options.Conditions = "",
+    frames: options.Frames = "",
     count: Count = 4,
-    drop_dark: DropDark = False,
-    drop_stationary: DropStationary = False,
-    as_json: Json = False,
+    drop_dark: options.DropDark = False,
+    drop_stationary: options.DropStationary = False,
+    as_json: options.Json = False,
 ) -> None:
     """Decode z_p of every frame with one constant z_c: condition-invariant images.
 
@@ -112,18 +80,18 @@ def constant(
 
 def translate(
     run: RunArgument,
-    route: RouteArgument,
+    route: options.RouteArgument,
     *,
-    out: OutFile,
+    out: options.OutFile,
     source: Annotated[
         str | None, typer.Option("--from", metavar="COND", help="Traverse or condition to translate from [the first].")
     ] = None,
-    conditions: Conditions = "",
-    frames: Frames = "",
+    conditions: options.Conditions = "",
+    frames: options.Frames = "",
     count: Count = 3,
-    drop_dark: DropDark = False,
-    drop_stationary: DropStationary = False,
-    as_json: Json = False,
+    drop_dark: options.DropDark = False,
+    drop_stationary: options.DropStationary = False,
+    as_json: options.Json = False,
 ) -> None:
     """Decode z_p of one frame with the mean z_c of every condition, above the true frames of these conditions.
 
@@ -141,21 +109,21 @@ def _retrieval_command(picture: str) -> Callable[..., None]:
     """The command that draws the `matrix` or the `matches` of a method on a pair."""
 
     def draw(
-        route: RouteArgument,
+        route: options.RouteArgument,
         *,
-        method: Method,
-        database: Database,
-        query: Query,
-        out: OutFile,
-        frames: Frames = "",
-        tolerance: Tolerance = None,
-        radius: Radius = None,
-        drop_dark: DropDark = False,
-        drop_stationary: DropStationary = False,
-        standardise: Standardise = None,
-        sequence: Sequence = 1,
-        sequence_method: SequenceSearch = "filter",
-        as_json: Json = False,
+        method: options.Method,
+        database: options.Database,
+        query: options.Query,
+        out: options.OutFile,
+        frames: options.Frames = "",
+        tolerance: options.Tolerance = None,
+        radius: options.Radius = None,
+        drop_dark: options.DropDark = False,
+        drop_stationary: options.DropStationary = False,
+        standardise: options.Standardise = None,
+        sequence: options.Sequence = 1,
+        sequence_method: options.SequenceSearch = "filter",
+        as_json: options.Json = False,
     ) -> None:
         require_picture(out, route)
         from everplace.experiments.recipe_names import named_method
@@ -197,3 +165,15 @@ def _save(figure: Figure, out: Path, as_json: bool) -> None:
 
     save_figure(figure, out)
     show_result({"out": str(out)}, as_json)
+
+
+app = typer.Typer(help="Draw one picture: swap, constant, translate, matrix or matches.", no_args_is_help=True)
+app.command("swap")(swap)
+app.command("constant")(constant)
+app.command("translate")(translate)
+for _name, _what in (
+    ("matrix", "the similarity matrix with its truth and the best matches"),
+    ("matches", "a gallery of right and wrong matches"),
+):
+    _example = f"everplace show {_name} my-route --method hog --database summer --query winter --out {_name}.png"
+    app.command(_name, help=f"Draw {_what}.\n\nExample: {_example}")(_retrieval_command(_name))

@@ -8,23 +8,8 @@ from typing import Annotated
 
 import typer
 
-from everplace.cli.options import (
-    Conditions,
-    DropDark,
-    DropStationary,
-    Epochs,
-    Frames,
-    Grey,
-    ImageSize,
-    Json,
-    Minutes,
-    OutDirectory,
-    RouteArgument,
-    Seed,
-    only_given,
-    require_one_length,
-    split_names,
-)  # fmt: skip
+from everplace.cli import options
+from everplace.cli.options import only_given, require_one_length, split_names
 from everplace.cli.output import (
     named_settings,
     require_directory,
@@ -35,28 +20,23 @@ from everplace.cli.output import (
 from everplace.errors import ConfigError
 from everplace.files import readable
 
-__all__ = ["register", "train"]
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command("train")(train)
+__all__ = ["train"]
 
 
 def train(
-    route: RouteArgument,
+    route: options.RouteArgument,
     *,
     model: Annotated[str, typer.Option("--model", metavar="vae|c-vae|cp-vae|cae|fabmap", help="Which method to fit.")],
-    out: OutDirectory,
-    conditions: Conditions = "",
-    frames: Frames = "",
-    image_size: ImageSize = None,
-    grey: Grey = False,
-    drop_dark: DropDark = False,
-    drop_stationary: DropStationary = False,
-    epochs: Epochs = None,
-    minutes: Minutes = None,
-    seed: Seed = None,
+    out: options.OutDirectory,
+    conditions: options.Conditions = "",
+    frames: options.Frames = "",
+    image_size: options.ImageSize = None,
+    grey: options.Grey = False,
+    drop_dark: options.DropDark = False,
+    drop_stationary: options.DropStationary = False,
+    epochs: options.Epochs = None,
+    minutes: options.Minutes = None,
+    seed: options.Seed = None,
     recipe: Annotated[
         str, typer.Option("--recipe", help="faithful: the paper's bound alone; best: CP-VAE with remedies.")
     ] = "",
@@ -70,7 +50,7 @@ def train(
     save_every: Annotated[
         float, typer.Option("--save-every", metavar="SECONDS", min=0, help="Time between states to resume from.")
     ] = 60.0,
-    as_json: Json = False,
+    as_json: options.Json = False,
 ) -> None:
     """Fit a method on a route; RUN gets the checkpoint, config.toml and (of a network) metrics.csv.
 
@@ -82,18 +62,18 @@ def train(
     if model not in FITTED_METHODS:
         raise ConfigError(f"--model {model!r} is not known; choose {' or '.join(FITTED_METHODS)}")
     require_one_length(epochs, minutes)
-    options = only_given(
+    given = only_given(
         model=model, conditions=split_names(conditions), frames=frames, image_size=image_size, grey=grey,
         drop_dark=drop_dark, drop_stationary=drop_stationary, epochs=epochs, minutes=minutes, seed=seed, recipe=recipe,
     )  # fmt: skip
-    values = (read_toml(config) if config is not None else {}) | options
+    values = (read_toml(config) if config is not None else {}) | given
     if epochs is not None and minutes is None:
         values.pop("minutes", None)
     if minutes is not None and epochs is None:
         values.pop("epochs", None)
     if config is not None and values.keys() >= {"epochs", "minutes"}:
         raise ConfigError(f"--config {readable(config)} gives both epochs and minutes; keep one of them")
-    with named_settings(options, config):
+    with named_settings(given, config):
         checked = build_config(**values)
 
     from everplace.route.route import open_route

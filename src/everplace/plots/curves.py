@@ -1,4 +1,4 @@
-"""Precision-recall curves: all methods in one axes, or one panel for every ordered pair of conditions."""
+"""Precision-recall curves: one panel for every ordered pair of conditions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from everplace.plots.style import LineLook, line_looks, polish, set_legend, styled, write_plainly
 
-__all__ = ["Curve", "draw_precision_recall", "draw_precision_recall_panels", "from_recall_zero"]
+__all__ = ["Curve", "draw_precision_recall_panels", "from_recall_zero"]
 
 
 class Curve(Protocol):
@@ -46,7 +46,7 @@ def from_recall_zero(values: NDArray[Any], *, recall: bool = False) -> NDArray[n
         recall: Whether they are the recalls, which get a 0 in front; the others repeat their first value.
 
     Returns:
-        K + 1 values; none for an empty curve.
+        K + 1 values.
     """
     array = np.asarray(values, dtype=np.float64)
     front = np.zeros_like(array[:1]) if recall else array[:1]
@@ -54,114 +54,65 @@ def from_recall_zero(values: NDArray[Any], *, recall: bool = False) -> NDArray[n
 
 
 @styled()
-def draw_precision_recall(
-    axes: Axes,
-    curves: Mapping[str, Curve],
-    *,
-    areas: Mapping[str, float] | None = None,
-    looks: Mapping[str, LineLook] | None = None,
-    title: str = "",
-    legend: bool = True,
-) -> list[Line2D]:
-    """Draws the curves of all methods; a dot marks where each one ends, which is recall@1 at most.
-
-    Args:
-        axes: Where to draw.
-        curves: One curve a method, in the order of the legend; see `Curve`.
-        areas: The `auc_pr` of methods, written beside their names.
-        looks: Colours and dashes a method; by default those of `line_looks(curves)`.
-        title: Written above.
-        legend: Whether to explain the lines inside the axes.
-
-    Returns:
-        One line a method, in order.
-    """
-    chosen = dict(looks) if looks is not None else line_looks(curves)
-    lines: list[Line2D] = []
-    for label, curve in curves.items():
-        look = chosen[label]
-        recall = from_recall_zero(curve.recall, recall=True)
-        (line,) = axes.plot(
-            recall,
-            from_recall_zero(curve.precision),
-            color=look.colour,
-            linestyle=look.dashes,
-            marker="o",
-            markersize=4.0,
-            markevery=[len(recall) - 1] if len(recall) else None,
-            linewidth=1.6,
-        )
-        lines.append(line)
-    polish(axes)
-    axes.set_xlim(0.0, 1.01)
-    axes.set_ylim(0.0, 1.03)
-    axes.set_xlabel("recall")
-    axes.set_ylabel("precision")
-    if title:
-        write_plainly(axes.set_title(title, fontsize=10.0))
-    if legend and lines:
-        set_legend(axes, lines, _legend_labels(curves, areas), loc="best", frameon=True, framealpha=0.85)
-    return lines
-
-
-@styled()
 def draw_precision_recall_panels(
-    figure: Figure,
-    panels: Mapping[tuple[str, str], Mapping[str, Curve]],
-    *,
-    columns: int | None = None,
+    figure: Figure, panels: Mapping[tuple[str, str], Mapping[str, Curve]], *, columns: int
 ) -> list[Axes]:
     """Draws one panel for every ordered pair of conditions (the paper's Figures 10 and 11).
 
-    A method has the same colour in every panel; one legend below explains them all. The figure keeps its
-    width and gets the height it needs.
+    A method has the same colour in every panel; one legend below explains them all. A dot marks where a curve ends,
+    which is recall@1 at most. The figure keeps its width and gets the height it needs.
 
     Args:
         figure: An empty figure.
         panels: The curves of each (query condition, database condition).
-        columns: Panels in a row; by default such that each row holds one query condition, at most four.
+        columns: Panels in a row, at most.
 
     Returns:
         One axes a panel, in order.
     """
-    if columns is None:
-        conditions = {condition for pair in panels for condition in pair}
-        columns = min(4, max(2, len(conditions) - 1))
-    columns = max(1, min(columns, len(panels)))
-    rows = max(1, math.ceil(len(panels) / columns))
+    columns = min(columns, len(panels))
+    rows = math.ceil(len(panels) / columns)
     looks = line_looks(label for curves in panels.values() for label in curves)
     width = float(figure.get_figwidth())
     # A panel is about as high as wide; the legend takes a line for every few names.
     entries = _balanced(list(looks), width)
     lines_below = math.ceil(len(looks) / entries)
     figure.set_size_inches(width, rows * (width / max(columns, 2)) * 0.9 + 0.22 * lines_below + 0.15)
-    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    every: list[Axes] = list(grid.flat)
+    every: list[Axes] = list(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).flat)
     for axes in every[len(panels) :]:
         axes.remove()
     drawn = every[: len(panels)]
     handles: dict[str, Line2D] = {}
     for place, (axes, ((query, database), curves)) in enumerate(zip(drawn, panels.items(), strict=True)):
-        lines = draw_precision_recall(axes, curves, looks=looks, title=f"{query} → {database}", legend=False)
-        handles |= {label: line for label, line in zip(curves, lines, strict=True) if label not in handles}
+        handles = _draw_panel(axes, curves, looks) | handles
+        write_plainly(axes.set_title(f"{query} → {database}", fontsize=10.0))
         # The axes are shared: only the panels at the left and at the bottom carry words and numbers.
         lowest = place + columns >= len(panels)
         axes.set_xlabel("recall" if lowest else "")
         axes.set_ylabel("precision" if place % columns == 0 else "")
         axes.tick_params(labelbottom=lowest, labelleft=place % columns == 0)
-    if handles:
-        set_legend(figure, list(handles.values()), list(handles), loc="outside lower center", ncols=entries)
+    ordered = [label for label in looks if label in handles]
+    set_legend(figure, [handles[label] for label in ordered], ordered, loc="outside lower center", ncols=entries)
     return drawn
+
+
+def _draw_panel(axes: Axes, curves: Mapping[str, Curve], looks: Mapping[str, LineLook]) -> dict[str, Line2D]:
+    """Draws the curves of all methods; gives the line of each."""
+    lines: dict[str, Line2D] = {}
+    for label, curve in curves.items():
+        recall, look = from_recall_zero(curve.recall, recall=True), looks[label]
+        (lines[label],) = axes.plot(
+            recall, from_recall_zero(curve.precision), color=look.colour, linestyle=look.dashes, linewidth=1.6,
+            marker="o", markersize=4.0, markevery=[len(recall) - 1],
+        )  # fmt: skip
+    polish(axes)
+    axes.set_xlim(0.0, 1.01)
+    axes.set_ylim(0.0, 1.03)
+    return lines
 
 
 def _balanced(labels: Sequence[str], width: float) -> int:
     """How many entries stand beside each other in a legend of `width` inches, so that its lines are about equal."""
-    longest = max((len(label) for label in labels), default=0)
+    longest = max(map(len, labels))
     most = max(1, int(width / (0.6 * longest * 8.0 / 72.0 + 0.6)))  # a line and a gap beside each text
     return max(1, math.ceil(len(labels) / max(1, math.ceil(len(labels) / most))))
-
-
-def _legend_labels(curves: Mapping[str, Curve], areas: Mapping[str, float] | None) -> list[str]:
-    """Writes the area beside each name that has one."""
-    known = areas or {}
-    return [f"{label}  {known[label]:.3f}" if label in known else label for label in curves]
