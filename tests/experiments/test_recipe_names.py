@@ -39,10 +39,8 @@ def test_a_method_without_a_recipe_is_not_named() -> None:
     [
         ({}, "run"),
         ({"recipe": "best"}, "run (recipe best)"),
-        ({"remedies": {"adversary": 1.0, "free_bits": 2.0}}, "run (adversary on z_p, free bits)"),
-        ({"remedies": {"swap": 1.0, "conditional_prior": True}},
-         "run (swap reconstruction, conditional prior p(z_c|c))"),
-        ({"recipe": "best", "remedies": {"adversary": 1.0}}, "run (recipe best, adversary on z_p)"),
+        ({"fully_connected": False}, "run (no fully connected chain)"),
+        ({"recipe": "best", "fully_connected": False}, "run (recipe best)"),
         ({"recipe": "best", "projection": {"ridge": 9.0}}, "run (recipe best, z_p from oriented gradients)"),
     ],
 )  # fmt: skip

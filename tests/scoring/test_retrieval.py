@@ -16,9 +16,9 @@ from everplace.describe.registry import open_describer
 from everplace.describe.runs.opened import Method, load
 from everplace.errors import ConfigError, RouteError
 from everplace.experiments.comparison import compare_methods
+from everplace.experiments.comparison_methods import Methods, select_tested
 from everplace.experiments.comparison_report import write_comparison
 from everplace.experiments.evaluation import evaluate_retrieval, write_evaluation
-from everplace.experiments.fitting import Methods, select_tested
 from everplace.experiments.manifest import open_study
 from everplace.match.matching import Matching
 from everplace.match.similarity import similarity

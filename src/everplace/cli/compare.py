@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import shlex
 import sys
+from dataclasses import asdict
 from typing import Annotated
 
 import typer
 
 from everplace.cli import options
-from everplace.cli.options import chosen_route, only_given, require_one_length, selection_of, split_names
+from everplace.cli.option_groups import MatchingOptions, SelectionOptions, TrainingOptions, TruthOptions, grouped
+from everplace.cli.options import chosen_route, split_names
 from everplace.cli.output import (
     named_settings,
     provenance,
@@ -25,6 +27,7 @@ from everplace.files import readable
 __all__ = ["compare"]
 
 
+@grouped
 def compare(
     route: options.RouteArgument,
     *,
@@ -37,23 +40,14 @@ def compare(
         ),
     ],
     out: options.OutDirectory,
-    frames: options.Frames = "",
+    places: SelectionOptions,
     fit_frames: Annotated[
         str, typer.Option("--fit-frames", metavar="A:B", help="Places to fit methods on that must be fitted.")
     ] = "",
     conditions: options.Conditions = "",
-    tolerance: options.Tolerance = None,
-    radius: options.Radius = None,
-    drop_dark: options.DropDark = False,
-    drop_stationary: options.DropStationary = False,
-    standardise: options.Standardise = None,
-    sequence: options.Sequence = 1,
-    sequence_method: options.SequenceSearch = "filter",
-    image_size: options.ImageSize = None,
-    grey: options.Grey = False,
-    epochs: options.Epochs = None,
-    minutes: options.Minutes = None,
-    seed: options.Seed = None,
+    right: TruthOptions,
+    how: MatchingOptions,
+    training: TrainingOptions,
     as_json: options.Json = False,
 ) -> None:
     """Compare methods on all ordered pairs of conditions; DIR gets metrics.json, table.md, pr_curves.png, report.html.
@@ -62,29 +56,26 @@ def compare(
 
     Example: everplace compare my-route --methods cp-vae,sad,hog --fit-frames 0:800 --frames 820: --out result
     """
-    require_one_length(epochs, minutes)
     require_directory(out)
     require_outside(out, route)
     from everplace.experiments.comparison import compare_methods
+    from everplace.experiments.comparison_methods import fit_and_open, require_fit_settings, select_tested
     from everplace.experiments.comparison_report import write_comparison
-    from everplace.experiments.fitting import fit_and_open, require_fit_settings, select_tested
     from everplace.experiments.manifest import open_study, require_same_study
-    from everplace.match.matching import Matching
-    from everplace.scoring.retrieval import Truth
 
     progress = show_progress()
     chosen, wanted = chosen_route(route, conditions), split_names(methods)
-    selection = selection_of(frames, drop_dark, drop_stationary)
-    places = {"conditions": split_names(conditions), "drop_dark": drop_dark, "drop_stationary": drop_stationary}
-    settings = places | only_given(image_size=image_size, grey=grey, seed=seed, epochs=epochs, minutes=minutes)
+    selection = places.selection()
+    split = {"conditions": split_names(conditions), **asdict(places)}
+    settings = {name: value for name, value in split.items() if name != "frames"} | training.given()
     with named_settings(settings):
         require_fit_settings(settings)
     tested = select_tested(chosen, wanted, selection, fit_frames, progress)
     study = open_study(
         tested,
-        Truth(tolerance, radius),
-        Matching(standardise, sequence, sequence_method),
-        split={**places, "frames": frames},
+        right.truth(),
+        how.matching(),
+        split=split,
         progress=progress,
     )
     require_same_study(out, study)

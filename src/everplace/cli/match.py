@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from everplace.choices import MatchFormat
-from everplace.cli.options import Json, OutFile, Sequence, SequenceSearch, Standardise
+from everplace.cli.option_groups import MatchingOptions, grouped
+from everplace.cli.options import Json, OutFile
 from everplace.cli.output import (
     require_file,
     require_other,
@@ -23,15 +24,14 @@ if TYPE_CHECKING:
 __all__ = ["match"]
 
 
+@grouped
 def match(
     database: Annotated[Path, typer.Argument(metavar="DATABASE.h5", help="Descriptors of the map.")],
     query: Annotated[Path, typer.Argument(metavar="QUERY.h5", help="Descriptors of the frames that ask.")],
     *,
     out: OutFile,
     top: Annotated[int, typer.Option("--top", min=1, metavar="K", help="Matches for each query.")] = 1,
-    standardise: Standardise = None,
-    sequence: Sequence = 1,
-    sequence_method: SequenceSearch = "filter",
+    how: MatchingOptions,
     kind: Annotated[MatchFormat, typer.Option("--format", help="Kind of file.")] = "csv",
     as_json: Json = False,
 ) -> None:
@@ -46,11 +46,11 @@ def match(
         require_other(out, given)
     from everplace.describe.files.descriptors import load_descriptors
     from everplace.match.match_file import write_matches
-    from everplace.match.matching import Matching, best_matches
+    from everplace.match.matching import best_matches
     from everplace.match.new_place import new_place_summary
 
     asked, known = load_descriptors(query), load_descriptors(database)
-    indices, scores = best_matches(asked, known, top, Matching(standardise, sequence, sequence_method))
+    indices, scores = best_matches(asked, known, top, how.matching())
     asked_names, known_names = (
         described.names if kind == "csv" else _image_names(described, path, kind)
         for described, path in ((asked, query), (known, database))

@@ -8,17 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from everplace.choices import SequenceMethod, Standardisation
-from everplace.errors import ConfigError
 
 if TYPE_CHECKING:
     from everplace.route.route import Route
-    from everplace.route.selection import Selection
 
 __all__ = [
     "AnySize", "Conditions", "Database", "DropDark", "DropStationary", "Epochs", "Frames", "Grey", "ImageSize", "Json",
     "Method", "Minutes", "OutDirectory", "OutFile", "Query", "Radius", "RouteArgument", "Seed", "Sequence",
-    "SequenceSearch", "Standardise", "Tolerance", "chosen_route", "only_given", "require_one_length", "selection_of",
-    "split_names",
+    "SequenceSearch", "Standardise", "Tolerance", "chosen_route", "only_given", "split_names",
 ]  # fmt: skip
 
 RouteArgument = Annotated[Path, typer.Argument(metavar="ROUTE", help="Directory with one sub-directory a traverse.")]
@@ -95,20 +92,3 @@ def chosen_route(route: Path, conditions: str) -> Route:
 
     opened, names = open_route(route), split_names(conditions)
     return opened.choose(names) if names else opened
-
-
-def selection_of(frames: str, drop_dark: bool, drop_stationary: bool) -> Selection:
-    """Which places take part, by --frames, --drop-dark and --drop-stationary."""
-    from everplace.route.selection import Selection, parse_frames
-
-    return Selection(parse_frames(frames) if frames else None, drop_dark, drop_stationary)
-
-
-def require_one_length(epochs: int | None, minutes: float | None) -> None:
-    """Refuses both options that say how long to train.
-
-    Raises:
-        ConfigError: Both are given.
-    """
-    if epochs is not None and minutes is not None:
-        raise ConfigError("--epochs and --minutes exclude each other; give one of them")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from everplace.cli import options
-from everplace.cli.options import chosen_route, selection_of
+from everplace.cli.option_groups import RetrievalOptions, SelectionOptions, grouped
+from everplace.cli.options import chosen_route
 from everplace.cli.output import require_picture, show_progress, show_result, warn_of_retrieval
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from everplace.model.condition_vae import ConditionVAE
     from everplace.route.route import Route
+    from everplace.scoring.retrieval import Retrieval
 
 __all__ = ["app"]
 
@@ -24,18 +25,17 @@ RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="Run directory o
 Count = Annotated[int, typer.Option("--count", min=1, help="Places to show.")]
 
 
+@grouped
 def swap(
     run: RunArgument,
     route: options.RouteArgument,
     *,
     out: options.OutFile,
     conditions: options.Conditions = "",
-    frames: options.Frames = "",
+    places: SelectionOptions,
     place: Annotated[
         int | None, typer.Option("--place", min=0, help="Position of the place among --frames [the middle one].")
     ] = None,
-    drop_dark: options.DropDark = False,
-    drop_stationary: options.DropStationary = False,
     as_json: options.Json = False,
 ) -> None:
     """Decode z_p of one frame with z_c of another, for one place in all conditions.
@@ -48,20 +48,19 @@ def swap(
     from everplace.experiments.translations import swap_figure
 
     model, label = _model(run)
-    chosen = _places(route, conditions, frames, drop_dark, drop_stationary)
+    chosen = _select(route, conditions, places)
     _save(swap_figure(model, chosen, place, label=label), out, as_json)
 
 
+@grouped
 def constant(
     run: RunArgument,
     route: options.RouteArgument,
     *,
     out: options.OutFile,
     conditions: options.Conditions = "",
-    frames: options.Frames = "",
+    places: SelectionOptions,
     count: Count = 4,
-    drop_dark: options.DropDark = False,
-    drop_stationary: options.DropStationary = False,
     as_json: options.Json = False,
 ) -> None:
     """Decode z_p of every frame with one constant z_c: condition-invariant images.
@@ -74,10 +73,11 @@ def constant(
     from everplace.experiments.translations import constant_figure
 
     model, label = _model(run)
-    chosen = _places(route, conditions, frames, drop_dark, drop_stationary)
+    chosen = _select(route, conditions, places)
     _save(constant_figure(model, chosen, count=count, label=label), out, as_json)
 
 
+@grouped
 def translate(
     run: RunArgument,
     route: options.RouteArgument,
@@ -87,10 +87,8 @@ def translate(
         str | None, typer.Option("--from", metavar="COND", help="Traverse or condition to translate from [the first].")
     ] = None,
     conditions: options.Conditions = "",
-    frames: options.Frames = "",
+    places: SelectionOptions,
     count: Count = 3,
-    drop_dark: options.DropDark = False,
-    drop_stationary: options.DropStationary = False,
     as_json: options.Json = False,
 ) -> None:
     """Decode z_p of one frame with the mean z_c of every condition, above the true frames of these conditions.
@@ -101,47 +99,45 @@ def translate(
     from everplace.experiments.translations import translation_figure
 
     model, label = _model(run)
-    chosen = _places(route, conditions, frames, drop_dark, drop_stationary)
+    chosen = _select(route, conditions, places)
     _save(translation_figure(model, chosen, count=count, source=source, label=label), out, as_json)
 
 
-def _retrieval_command(picture: str) -> Callable[..., None]:
-    """The command that draws the `matrix` or the `matches` of a method on a pair."""
+@grouped
+def matrix(
+    route: options.RouteArgument, *, asked: RetrievalOptions, out: options.OutFile, as_json: options.Json = False
+) -> None:
+    """Draw the similarity matrix with its truth and the best matches.
 
-    def draw(
-        route: options.RouteArgument,
-        *,
-        method: options.Method,
-        database: options.Database,
-        query: options.Query,
-        out: options.OutFile,
-        frames: options.Frames = "",
-        tolerance: options.Tolerance = None,
-        radius: options.Radius = None,
-        drop_dark: options.DropDark = False,
-        drop_stationary: options.DropStationary = False,
-        standardise: options.Standardise = None,
-        sequence: options.Sequence = 1,
-        sequence_method: options.SequenceSearch = "filter",
-        as_json: options.Json = False,
-    ) -> None:
-        require_picture(out, route)
-        from everplace.experiments.recipe_names import named_method
-        from everplace.experiments.retrieval_pictures import match_figure, matrix_figure
-        from everplace.match.matching import Matching
-        from everplace.route.route import open_route
-        from everplace.scoring.retrieval import retrieve
+    Example: everplace show matrix my-route --method hog --database summer --query winter --out matrix.png
+    """
+    require_picture(out, route)
+    from everplace.experiments.retrieval_pictures import matrix_figure
 
-        result = retrieve(
-            open_route(route), query, database, method, tolerance=tolerance, radius=radius,
-            selection=selection_of(frames, drop_dark, drop_stationary),
-            matching=Matching(standardise, sequence, sequence_method), progress=show_progress(),
-        )  # fmt: skip
-        warn_of_retrieval(result, method, "Show others with --frames")
-        label = named_method(result.describer.method, result.describer.settings())
-        _save((matrix_figure if picture == "matrix" else match_figure)(result, label), out, as_json)
+    _save(matrix_figure(*_retrieve(route, asked)), out, as_json)
 
-    return draw
+
+@grouped
+def matches(
+    route: options.RouteArgument, *, asked: RetrievalOptions, out: options.OutFile, as_json: options.Json = False
+) -> None:
+    """Draw a gallery of right and wrong matches.
+
+    Example: everplace show matches my-route --method hog --database summer --query winter --out matches.png
+    """
+    require_picture(out, route)
+    from everplace.experiments.retrieval_pictures import match_figure
+
+    _save(match_figure(*_retrieve(route, asked)), out, as_json)
+
+
+def _retrieve(route: Path, asked: RetrievalOptions) -> tuple[Retrieval, str]:
+    """What was found, and what titles call the method."""
+    from everplace.experiments.recipe_names import named_method
+
+    result = asked.retrieve(route, show_progress())
+    warn_of_retrieval(result, asked.method, "Show others with --frames")
+    return result, named_method(result.describer.method, result.describer.settings())
 
 
 def _model(run: str) -> tuple[ConditionVAE, str]:
@@ -153,11 +149,10 @@ def _model(run: str) -> tuple[ConditionVAE, str]:
     return checkpoint.model, named_method(checkpoint.model.config.kind, checkpoint.settings())
 
 
-def _places(route: Path, conditions: str, frames: str, drop_dark: bool, drop_stationary: bool) -> Route:
+def _select(route: Path, conditions: str, places: SelectionOptions) -> Route:
     from everplace.route.selection import select
 
-    opened = chosen_route(route, conditions)
-    return select(opened, selection_of(frames, drop_dark, drop_stationary), show_progress())
+    return select(chosen_route(route, conditions), places.selection(), show_progress())
 
 
 def _save(figure: Figure, out: Path, as_json: bool) -> None:
@@ -168,12 +163,5 @@ def _save(figure: Figure, out: Path, as_json: bool) -> None:
 
 
 app = typer.Typer(help="Draw one picture: swap, constant, translate, matrix or matches.", no_args_is_help=True)
-app.command("swap")(swap)
-app.command("constant")(constant)
-app.command("translate")(translate)
-for _name, _what in (
-    ("matrix", "the similarity matrix with its truth and the best matches"),
-    ("matches", "a gallery of right and wrong matches"),
-):
-    _example = f"everplace show {_name} my-route --method hog --database summer --query winter --out {_name}.png"
-    app.command(_name, help=f"Draw {_what}.\n\nExample: {_example}")(_retrieval_command(_name))
+for _command in (swap, constant, translate, matrix, matches):
+    app.command(_command.__name__)(_command)

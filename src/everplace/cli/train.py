@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from everplace.cli import options
-from everplace.cli.options import only_given, require_one_length, split_names
+from everplace.cli.option_groups import SelectionOptions, TrainingOptions, grouped
+from everplace.cli.options import only_given, split_names
 from everplace.cli.output import (
     named_settings,
     require_directory,
@@ -23,20 +24,15 @@ from everplace.files import readable
 __all__ = ["train"]
 
 
+@grouped
 def train(
     route: options.RouteArgument,
     *,
     model: Annotated[str, typer.Option("--model", metavar="vae|c-vae|cp-vae|cae|fabmap", help="Which method to fit.")],
     out: options.OutDirectory,
     conditions: options.Conditions = "",
-    frames: options.Frames = "",
-    image_size: options.ImageSize = None,
-    grey: options.Grey = False,
-    drop_dark: options.DropDark = False,
-    drop_stationary: options.DropStationary = False,
-    epochs: options.Epochs = None,
-    minutes: options.Minutes = None,
-    seed: options.Seed = None,
+    places: SelectionOptions,
+    training: TrainingOptions,
     recipe: Annotated[
         str, typer.Option("--recipe", help="faithful: the paper's bound alone; best: CP-VAE with remedies.")
     ] = "",
@@ -61,16 +57,12 @@ def train(
 
     if model not in FITTED_METHODS:
         raise ConfigError(f"--model {model!r} is not known; choose {' or '.join(FITTED_METHODS)}")
-    require_one_length(epochs, minutes)
-    given = only_given(
-        model=model, conditions=split_names(conditions), frames=frames, image_size=image_size, grey=grey,
-        drop_dark=drop_dark, drop_stationary=drop_stationary, epochs=epochs, minutes=minutes, seed=seed, recipe=recipe,
-    )  # fmt: skip
+    given = only_given(model=model, conditions=split_names(conditions), recipe=recipe, **asdict(places))
+    given |= training.given()
     values = (read_toml(config) if config is not None else {}) | given
-    if epochs is not None and minutes is None:
-        values.pop("minutes", None)
-    if minutes is not None and epochs is None:
-        values.pop("epochs", None)
+    for length, other in (("epochs", "minutes"), ("minutes", "epochs")):
+        if length in given:
+            values.pop(other, None)
     if config is not None and values.keys() >= {"epochs", "minutes"}:
         raise ConfigError(f"--config {readable(config)} gives both epochs and minutes; keep one of them")
     with named_settings(given, config):

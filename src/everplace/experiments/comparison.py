@@ -17,9 +17,9 @@ from everplace.describe.files.descriptors import Descriptors
 from everplace.describe.peak_memory import peak_memory
 from everplace.describe.pipeline import time_describer
 from everplace.errors import ConfigError, MethodError
+from everplace.experiments.comparison_methods import Methods
 from everplace.experiments.comparison_parts import PARTS, MethodResult, PairResult, Part
 from everplace.experiments.evaluation import audit_pair, seen_places, seen_sentence
-from everplace.experiments.fitting import Methods
 from everplace.experiments.manifest import MANIFEST, Study, require_same_study
 from everplace.experiments.recipe_names import named_recipe, recipe_metrics
 from everplace.files import remove_leftovers, write_json
@@ -28,7 +28,7 @@ from everplace.match.matching import Matching
 from everplace.match.standardise import standardisable
 from everplace.progress import Progress, quiet
 from everplace.route.route import Route
-from everplace.scoring.retrieval import Pair, Retrieval, Truth, pair_of, retrieve_pair
+from everplace.scoring.retrieval import Pair, Retrieval, pair_of, retrieve_pair
 
 __all__ = ["COSTS", "SCORES", "Cell", "Comparison", "compare_methods"]
 
@@ -82,16 +82,6 @@ class Comparison:
         return min(map(len, self.route.traverses))
 
     @property
-    def truth(self) -> Truth:
-        """When a match is right."""
-        return self.study.truth
-
-    @property
-    def matching(self) -> Matching:
-        """Options of the match."""
-        return self.study.matching
-
-    @property
     def results(self) -> dict[tuple[str, str], dict[str, PairResult]]:
         """By (query, database) traverse name, then by the label of the method."""
         names = [traverse.name for traverse in self.route.traverses]
@@ -128,10 +118,8 @@ class Comparison:
             "route": self.route.name,
             "protocol": self.route.protocol,
             "places": self.places,
-            "tolerance": self.truth.tolerance,
-            "radius": self.truth.radius,
-            "truth": self.truth.pairs,
-            **self.matching.metrics(),
+            **self.study.truth.metrics(),
+            **self.study.matching.metrics(),
             "pairs": [
                 {
                     "query": query,
@@ -179,7 +167,8 @@ class Comparison:
             for number, traverse in enumerate(self.route.traverses)
             if traverse.name in (pair.query.name, pair.database.name)
         }
-        return retrieve_pair(pair, self.describers[label], self.truth, self.matching, described=described)
+        study = self.study
+        return retrieve_pair(pair, self.describers[label], study.truth, study.matching, described=described)
 
 
 def compare_methods(

@@ -51,7 +51,7 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
         StorageError: Writing failed.
     """
     route = comparison.route
-    right, matching = right_words(comparison.truth), matching_words(comparison.matching)
+    right, matching = right_words(comparison.study.truth), matching_words(comparison.study.matching)
     subtitle = f"{route.title}: {comparison.places} places, {right}, {matching}"
     names = _names(comparison)
     report = Report(title, subtitle=subtitle, details=details)
@@ -165,7 +165,7 @@ def _shown(comparison: Comparison, areas: Mapping[str, float]) -> list[str]:
 
 
 def _markdown(comparison: Comparison) -> str:
-    right, matching = right_words(comparison.truth), matching_words(comparison.matching)
+    right, matching = right_words(comparison.study.truth), matching_words(comparison.study.matching)
     lines = [f"{comparison.route.title}: {right}, {matching}", ""]
     if len(comparison.results) > 2:
         lines += ["**Mean over all ordered pairs**", "", *_markdown_table(*comparison.table()), ""]

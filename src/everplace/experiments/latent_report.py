@@ -17,7 +17,6 @@ from everplace.audit.findings import (
 )  # fmt: skip
 from everplace.audit.leakage import Audit, Probe
 from everplace.describe.runs.vae import VAEDescriber
-from everplace.experiments.recipe_names import named_method
 from everplace.experiments.translations import constant_figure, swap_figure, translation_figure
 from everplace.model.posterior import ACTIVE_ABOVE
 from everplace.plots.canvas import new_axes, save_figure
@@ -75,7 +74,7 @@ def audit_section(section: Section, audits: dict[str, Audit]) -> None:
 
 
 def latent_section(
-    section: Section, describer: VAEDescriber, route: Route, out: Path, prefix: str = "", *, label: str = ""
+    section: Section, describer: VAEDescriber, route: Route, out: Path, prefix: str = "", *, label: str
 ) -> list[str]:
     """Figures 6 to 9 of the paper and a translation strip for a model and a route; the pictures also go into `out`.
 
@@ -85,7 +84,7 @@ def latent_section(
         route: Aligned traverses.
         out: Gets the files.
         prefix: Of their names.
-        label: The model's name in the titles; by default its kind, with its recipe and remedies.
+        label: The model's name in the titles.
 
     Returns:
         The names of the files in `out`, each with the prefix; none for a plain VAE.
@@ -97,30 +96,26 @@ def latent_section(
         )
         return []
     route = route.at(route.shared_stems())
-    named = label or named_method(describer.method, describer.settings())
-    swap, constant, translation = (
-        swap_figure(model, route, label=named),
-        constant_figure(model, route, label=named),
-        translation_figure(model, route, label=named),
-    )
-    files = {f"{prefix}{name}": of for name, of in zip(LATENT_PICTURES, (swap, constant, translation), strict=True)}
+    figures = [draw(model, route, label=label) for draw in (swap_figure, constant_figure, translation_figure)]
+    swap, constant, translation = figures
+    files = {f"{prefix}{name}": figure for name, figure in zip(LATENT_PICTURES, figures, strict=True)}
     for file, figure in files.items():
         save_figure(figure, out / file)
     section.figure(
         swap,
-        alt=f"Images that {named} decodes from z_p of one frame and z_c of another.",
+        alt=f"Images that {label} decodes from z_p of one frame and z_c of another.",
         caption="As Figures 6 and 7 of Oh and Eoh (2021): in each row the place of the frame at its left, in each "
         "column the condition of the frame at its top; all frames show one place, so all rows should look alike.",
     )
     section.figure(
         constant,
-        alt=f"Images that {named} decodes with one constant z_c.",
+        alt=f"Images that {label} decodes with one constant z_c.",
         caption="As Figures 8 and 9 of Oh and Eoh (2021): frames of all conditions, and below each what is decoded "
         "from its z_p and one z_c; below each other, the decoded images of a place should look alike.",
     )
     section.figure(
         translation,
-        alt=f"A frame that {named} decodes in every condition, with the true frames of these conditions below.",
+        alt=f"A frame that {label} decodes in every condition, with the true frames of these conditions below.",
         caption="A frame translated into every condition by its z_p and the condition's mean z_c, above the true "
         "frames of the same place.",
     )

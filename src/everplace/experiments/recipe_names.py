@@ -42,7 +42,7 @@ def named_method(name: str, settings: Mapping[str, Any]) -> str:
 
     Returns:
         The name, with the recipe unless it is the faithful one, and with the remedies that the recipe does not bring,
-        without their numbers: "cp-vae (recipe best)", "cp-vae (adversary on z_p, free bits)".
+        without their numbers: "cp-vae (recipe best)", "cp-vae (no fully connected chain)".
     """
     recipe, remedies = (str(settings.get(key) or "") for key in _KEYS)
     # A comma within brackets stands between the numbers of one remedy.

@@ -9,8 +9,8 @@ from typing import Any
 from everplace.describe.describer import Describer
 from everplace.describe.registry import open_describer
 from everplace.experiments.comparison import compare_methods
+from everplace.experiments.comparison_methods import Methods, fit, run_of
 from everplace.experiments.comparison_report import write_comparison
-from everplace.experiments.fitting import Methods, fit, run_of
 from everplace.experiments.manifest import open_study
 from everplace.experiments.recipe_names import named_method
 from everplace.images.decoding import usable_cores

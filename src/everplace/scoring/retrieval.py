@@ -132,6 +132,10 @@ class Truth:
     radius: float | None = None
     pairs: str | None = None
 
+    def metrics(self) -> dict[str, str | int | float | None]:
+        """What metrics.json says of it."""
+        return {"tolerance": self.tolerance, "radius": self.radius, "truth": self.pairs}
+
     def __str__(self) -> str:
         if self.pairs is not None:
             return f"pairs of {self.pairs}"
