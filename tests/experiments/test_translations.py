@@ -86,7 +86,7 @@ def test_a_swap_takes_the_place_of_the_row_and_the_condition_of_the_column(tmp_p
         for column in (0, 1):
             expected = drawn(model, z_p[row][0], z_c[column][0])
             np.testing.assert_allclose(shown[4 + 2 * row + column], expected, atol=1)
-    assert "place 4 with z_p and z_c swapped" in [text.get_text() for text in axes.texts]
+    assert "run: place 4 with z_p and z_c swapped" in [text.get_text() for text in axes.texts]
 
 
 def test_the_constant_is_the_mean_of_all_frames_of_the_first_traverse(tmp_path: Path) -> None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import shlex
 import sys
-from dataclasses import asdict
 from typing import Annotated
 
 import typer
 
 from everplace.cli import options
-from everplace.cli.option_groups import MatchingOptions, SelectionOptions, TrainingOptions, TruthOptions, grouped
-from everplace.cli.options import chosen_route, split_names
+from everplace.cli.option_groups import MatchingOptions, RouteOptions, TrainingOptions, TruthOptions, grouped
+from everplace.cli.options import split_names
 from everplace.cli.output import (
     named_settings,
     provenance,
@@ -40,11 +39,10 @@ def compare(
         ),
     ],
     out: options.OutDirectory,
-    places: SelectionOptions,
+    places: RouteOptions,
     fit_frames: Annotated[
         str, typer.Option("--fit-frames", metavar="A:B", help="Places to fit methods on that must be fitted.")
     ] = "",
-    conditions: options.Conditions = "",
     right: TruthOptions,
     how: MatchingOptions,
     training: TrainingOptions,
@@ -64,20 +62,16 @@ def compare(
     from everplace.experiments.manifest import open_study, require_same_study
 
     progress = show_progress()
-    chosen, wanted = chosen_route(route, conditions), split_names(methods)
-    selection = places.selection()
-    split = {"conditions": split_names(conditions), **asdict(places)}
-    settings = {name: value for name, value in split.items() if name != "frames"} | training.given()
+    chosen, wanted = places.chosen(route), split_names(methods)
+    chosen_by = {
+        "conditions": places.names, "drop_dark": places.drop_dark, "drop_stationary": places.drop_stationary
+    }  # fmt: skip
+    settings = chosen_by | training.given()
     with named_settings(settings):
         require_fit_settings(settings)
-    tested = select_tested(chosen, wanted, selection, fit_frames, progress)
-    study = open_study(
-        tested,
-        right.truth(),
-        how.matching(),
-        split=split,
-        progress=progress,
-    )
+    tested = select_tested(chosen, wanted, places.selection(), fit_frames, progress)
+    split = {**chosen_by, "frames": places.frames}
+    study = open_study(tested, right.truth(), how.matching(), split=split, progress=progress)
     require_same_study(out, study)
     ready = fit_and_open(chosen, wanted, fit_frames, out, settings=settings, progress=progress)
     warn_of_seen_places(ready.describers, tested, "Test on others with --frames")

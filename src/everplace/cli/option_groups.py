@@ -15,10 +15,19 @@ from everplace.errors import ConfigError
 if TYPE_CHECKING:
     from everplace.match.matching import Matching
     from everplace.progress import Progress
+    from everplace.route.route import Route
     from everplace.route.selection import Selection
     from everplace.scoring.retrieval import Retrieval, Truth
 
-__all__ = ["MatchingOptions", "RetrievalOptions", "SelectionOptions", "TrainingOptions", "TruthOptions", "grouped"]
+__all__ = [
+    "MatchingOptions",
+    "RetrievalOptions",
+    "RouteOptions",
+    "SelectionOptions",
+    "TrainingOptions",
+    "TruthOptions",
+    "grouped",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +43,25 @@ class SelectionOptions:
         from everplace.route.selection import Selection, parse_frames
 
         return Selection(parse_frames(self.frames) if self.frames else None, self.drop_dark, self.drop_stationary)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RouteOptions(SelectionOptions):
+    """Which traverses of a route take part, and which of their places."""
+
+    conditions: options.Conditions = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The traverses or conditions; none: all."""
+        return options.split_names(self.conditions)
+
+    def chosen(self, route: Path) -> Route:
+        """Opens the route and chooses its traverses."""
+        from everplace.route.route import open_route
+
+        opened = open_route(route)
+        return opened.choose(self.names) if self.names else opened
 
 
 @dataclass(frozen=True, kw_only=True)

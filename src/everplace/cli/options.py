@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from everplace.choices import SequenceMethod, Standardisation
 
-if TYPE_CHECKING:
-    from everplace.route.route import Route
-
 __all__ = [
     "AnySize", "Conditions", "Database", "DropDark", "DropStationary", "Epochs", "Frames", "Grey", "ImageSize", "Json",
     "Method", "Minutes", "OutDirectory", "OutFile", "Query", "Radius", "RouteArgument", "Seed", "Sequence",
-    "SequenceSearch", "Standardise", "Tolerance", "chosen_route", "only_given", "split_names",
+    "SequenceSearch", "Standardise", "Tolerance", "only_given", "split_names",
 ]  # fmt: skip
 
 RouteArgument = Annotated[Path, typer.Argument(metavar="ROUTE", help="Directory with one sub-directory a traverse.")]
@@ -84,11 +81,3 @@ def only_given(**options: Any) -> dict[str, Any]:
         for name, value in options.items()
         if value is not None and value is not False and value not in ("", ())
     }
-
-
-def chosen_route(route: Path, conditions: str) -> Route:
-    """Opens a route and chooses from it by --conditions."""
-    from everplace.route.route import open_route
-
-    opened, names = open_route(route), split_names(conditions)
-    return opened.choose(names) if names else opened

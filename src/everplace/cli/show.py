@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from everplace.cli import options
-from everplace.cli.option_groups import RetrievalOptions, SelectionOptions, grouped
-from everplace.cli.options import chosen_route
+from everplace.cli.option_groups import RetrievalOptions, RouteOptions, grouped
 from everplace.cli.output import require_picture, show_progress, show_result, warn_of_retrieval
 
 if TYPE_CHECKING:
@@ -31,8 +30,7 @@ def swap(
     route: options.RouteArgument,
     *,
     out: options.OutFile,
-    conditions: options.Conditions = "",
-    places: SelectionOptions,
+    places: RouteOptions,
     place: Annotated[
         int | None, typer.Option("--place", min=0, help="Position of the place among --frames [the middle one].")
     ] = None,
@@ -48,7 +46,7 @@ def swap(
     from everplace.experiments.translations import swap_figure
 
     model, label = _model(run)
-    chosen = _select(route, conditions, places)
+    chosen = _select(route, places)
     _save(swap_figure(model, chosen, place, label=label), out, as_json)
 
 
@@ -58,8 +56,7 @@ def constant(
     route: options.RouteArgument,
     *,
     out: options.OutFile,
-    conditions: options.Conditions = "",
-    places: SelectionOptions,
+    places: RouteOptions,
     count: Count = 4,
     as_json: options.Json = False,
 ) -> None:
@@ -73,7 +70,7 @@ def constant(
     from everplace.experiments.translations import constant_figure
 
     model, label = _model(run)
-    chosen = _select(route, conditions, places)
+    chosen = _select(route, places)
     _save(constant_figure(model, chosen, count=count, label=label), out, as_json)
 
 
@@ -86,8 +83,7 @@ def translate(
     source: Annotated[
         str | None, typer.Option("--from", metavar="COND", help="Traverse or condition to translate from [the first].")
     ] = None,
-    conditions: options.Conditions = "",
-    places: SelectionOptions,
+    places: RouteOptions,
     count: Count = 3,
     as_json: options.Json = False,
 ) -> None:
@@ -99,7 +95,7 @@ def translate(
     from everplace.experiments.translations import translation_figure
 
     model, label = _model(run)
-    chosen = _select(route, conditions, places)
+    chosen = _select(route, places)
     _save(translation_figure(model, chosen, count=count, source=source, label=label), out, as_json)
 
 
@@ -149,10 +145,10 @@ def _model(run: str) -> tuple[ConditionVAE, str]:
     return checkpoint.model, named_method(checkpoint.model.config.kind, checkpoint.settings())
 
 
-def _select(route: Path, conditions: str, places: SelectionOptions) -> Route:
+def _select(route: Path, places: RouteOptions) -> Route:
     from everplace.route.selection import select
 
-    return select(chosen_route(route, conditions), places.selection(), show_progress())
+    return select(places.chosen(route), places.selection(), show_progress())
 
 
 def _save(figure: Figure, out: Path, as_json: bool) -> None:

@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from everplace.cli import options
-from everplace.cli.option_groups import SelectionOptions, TrainingOptions, grouped
-from everplace.cli.options import only_given, split_names
+from everplace.cli.option_groups import RouteOptions, TrainingOptions, grouped
+from everplace.cli.options import only_given
 from everplace.cli.output import (
     named_settings,
     require_directory,
@@ -30,8 +30,7 @@ def train(
     *,
     model: Annotated[str, typer.Option("--model", metavar="vae|c-vae|cp-vae|cae|fabmap", help="Which method to fit.")],
     out: options.OutDirectory,
-    conditions: options.Conditions = "",
-    places: SelectionOptions,
+    places: RouteOptions,
     training: TrainingOptions,
     recipe: Annotated[
         str, typer.Option("--recipe", help="faithful: the paper's bound alone; best: CP-VAE with remedies.")
@@ -57,7 +56,7 @@ def train(
 
     if model not in FITTED_METHODS:
         raise ConfigError(f"--model {model!r} is not known; choose {' or '.join(FITTED_METHODS)}")
-    given = only_given(model=model, conditions=split_names(conditions), recipe=recipe, **asdict(places))
+    given = only_given(model=model, recipe=recipe, **{**asdict(places), "conditions": places.names})
     given |= training.given()
     values = (read_toml(config) if config is not None else {}) | given
     for length, other in (("epochs", "minutes"), ("minutes", "epochs")):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import permutations
 from pathlib import Path
@@ -37,16 +35,6 @@ SCORES = ("recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP")
 
 COSTS = ("dimension", "bytes", "ms/image", "peak MB")
 """The further columns."""
-
-_READ: dict[str, Callable[[PairResult], float]] = {
-    "recall@1": lambda one: one.scores.recall_at["1"],
-    "recall@5": lambda one: one.scores.recall_at["5"],
-    "recall@10": lambda one: one.scores.recall_at["10"],
-    "auc_pr": operator.attrgetter("scores.auc_pr"),
-    "AP": operator.attrgetter("scores.average_precision"),
-    "R@100%P": operator.attrgetter("scores.recall_at_100_precision"),
-    "EP": operator.attrgetter("scores.extended_precision"),
-}
 
 Cell: TypeAlias = str | float | int | None
 
@@ -149,13 +137,14 @@ class Comparison:
 
     def mean(self, score: str, label: str) -> float:
         """Mean of one of a method's `SCORES` over the pairs."""
-        return float(np.mean([_READ[score](one) for one in self.methods[label].pairs.values()]))
+        return float(np.mean([one.scores.columns()[score] for one in self.methods[label].pairs.values()]))
 
     def table(self, pair: tuple[str, str] | None = None) -> tuple[list[str], list[list[Cell]]]:
         """Header and rows of one pair's scores, or of their means over all pairs."""
         rows: list[list[Cell]] = []
         for label, method in self.methods.items():
-            scores = [self.mean(name, label) if pair is None else _READ[name](method.pairs[pair]) for name in SCORES]
+            of_pair = {} if pair is None else method.pairs[pair].scores.columns()
+            scores = [self.mean(name, label) if pair is None else of_pair[name] for name in SCORES]
             *costs, peak = method.costs().values()
             rows.append([label, *scores, *costs, None if peak is None else round(peak)])
         return ["method", *SCORES, *COSTS], rows

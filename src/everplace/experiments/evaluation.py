@@ -45,7 +45,6 @@ __all__ = [
 
 
 _METRICS = "metrics.json"
-_AT_100 = "recall at 100 % precision"
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,36 +206,33 @@ def _how(evaluation: Evaluation) -> list[list[Value]]:
         f"whole database {result.database.name}, {len(result.database):,} frames.",
         "right": f"A proposed frame counts as right {right_words(result.rule)}.",
         "match": f"{matching_words(result.matching)}; score: {score_of(result)}",
-        # A definition may name another score as the tables of a comparison do.
-        **{name: DEFINITIONS[known].replace("R@100%P", _AT_100) for name, known in _DEFINED.items()},
+        "curve": DEFINITIONS["curve"],
+        "recall@N": DEFINITIONS["recall@N"],
+        **{_long(name): _long(DEFINITIONS[name]) for name in _DEFINED},
     }
     return [[name, text] for name, text in told.items()]
 
 
-_DEFINED = {
-    "curve": "curve",
-    "recall@N": "recall@N",
-    "auc_pr": "auc_pr",
-    "average precision": "AP",
-    _AT_100: "R@100%P",
-    "extended precision": "EP",
-    "dimension": "dimension",
-    "ms per image": "ms/image",
+_DEFINED = ("auc_pr", "AP", "R@100%P", "EP", "dimension", "ms/image")
+_LONG = {
+    "AP": "average precision",
+    "R@100%P": "recall at 100 % precision",
+    "EP": "extended precision",
+    "ms/image": "ms per image",
 }
-"""The names of `score_facts`, and those of the definitions."""
+"""What is short in the tables of a comparison has room in the report of one method."""
+
+
+def _long(text: str) -> str:
+    """A name of a score, or a definition that names another one."""
+    return _LONG.get(text, text.replace("R@100%P", _LONG["R@100%P"]))
 
 
 def score_facts(evaluation: Evaluation) -> dict[str, float | int]:
     """The headline numbers of an evaluation."""
     scores = evaluation.result.scores
     return {
-        "recall@1": scores.recall_at["1"],
-        "recall@5": scores.recall_at["5"],
-        "recall@10": scores.recall_at["10"],
-        "auc_pr": scores.auc_pr,
-        "average precision": scores.average_precision,
-        _AT_100: scores.recall_at_100_precision,
-        "extended precision": scores.extended_precision,
+        **{_long(name): score for name, score in scores.columns().items()},
         "queries": scores.queries,
         "database": scores.database,
         "dimension": evaluation.result.describer.dimension,

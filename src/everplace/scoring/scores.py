@@ -100,6 +100,16 @@ class Scores:
     queries_with_match: int
     database: int
 
+    def columns(self) -> dict[str, float]:
+        """Returns the scores as the columns of a table, by their short names."""
+        return {
+            **{f"recall@{count}": recall for count, recall in self.recall_at.items()},
+            "auc_pr": self.auc_pr,
+            "AP": self.average_precision,
+            "R@100%P": self.recall_at_100_precision,
+            "EP": self.extended_precision,
+        }
+
     def to_dict(self) -> dict[str, Any]:
         """Returns the scores as plain values that JSON can hold."""
         return dataclasses.asdict(self)

@@ -60,9 +60,7 @@ def average_sequences(S: NDArray[Any], length: int) -> NDArray[np.floating[Any]]
         ConfigError: `length` is below 1.
         DescriptorsError: S is no matrix of numbers.
     """
-    if length < 1:
-        raise ConfigError(f"--sequence {length} is not possible; give a number of frames of at least 1")
-    S = checked_scores(S)
+    S = checked_scores(S, length)
     mean = np.array(S, dtype=S.dtype if S.dtype.kind == "f" else np.float64)
     rows, columns = S.shape
     for k in range(1, min(length, rows, columns)):
