@@ -80,9 +80,9 @@ def test_swap_grid_has_originals_as_header_row_and_column() -> None:
     assert png_bytes(figure, 50)
 
 
-def test_swap_grid_of_one_float_image() -> None:
+def test_swap_grid_of_one_image() -> None:
     figure = new_figure(3)
-    axes = draw_swap_grid(figure, [[np.full((6, 4, 3), 0.5)]], [_grey(1, (6, 4, 3))], [_grey(2, (6, 4))], **ONE)
+    axes = draw_swap_grid(figure, [[_grey(128, (6, 4, 3))]], [_grey(1, (6, 4, 3))], [_grey(2, (6, 4, 1))], **ONE)
     assert _by_place(axes) == [[2], [1, 128]]
     assert png_bytes(figure, 50)
 
