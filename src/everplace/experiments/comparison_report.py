@@ -24,8 +24,8 @@ from everplace.experiments.retrieval_pictures import match_figure, matrix_figure
 from everplace.files import json_text, write_json, write_text
 from everplace.locking import locked
 from everplace.plots.canvas import new_figure, save_figure
-from everplace.plots.curves import draw_precision_recall_panels
-from everplace.plots.interactive import precision_recall_figure
+from everplace.plots.interactive_curves import precision_recall_figure
+from everplace.plots.precision_recall import draw_precision_recall_panels
 from everplace.report.html import Report, Section
 from everplace.scoring.retrieval import pair_of
 

@@ -25,7 +25,7 @@ from everplace.experiments.retrieval_pictures import match_figure, matrix_figure
 from everplace.files import remove_file, write_json
 from everplace.images.decoding import ImageSpec
 from everplace.plots.canvas import save_figure
-from everplace.plots.interactive import precision_recall_figure
+from everplace.plots.interactive_curves import precision_recall_figure
 from everplace.progress import Progress, quiet
 from everplace.report.html import Report
 from everplace.report.table_cells import Value

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from everplace.experiments.captions import match_note, pair_words, right_words, score_words
 from everplace.images.decoding import ImageSpec, decode_image
 from everplace.plots.canvas import new_axes, new_figure
-from everplace.plots.gallery import Match, draw_matches
-from everplace.plots.matrix import draw_similarity
+from everplace.plots.match_gallery import Match, draw_matches
+from everplace.plots.similarity_matrix import draw_similarity
 from everplace.route.natural_order import natural_sorted
 from everplace.route.selection import spread
 from everplace.scoring.retrieval import Pair, Retrieval

@@ -20,7 +20,7 @@ from everplace.model.inference import inference
 from everplace.model.model_config import LABELLED_KINDS
 from everplace.model.pixels import to_pixels
 from everplace.plots.canvas import new_figure
-from everplace.plots.grid import Translation, draw_constant_grid, draw_swap_grid, draw_translations
+from everplace.plots.image_grids import Translation, draw_constant_grid, draw_swap_grid, draw_translations
 from everplace.route.route import Route
 from everplace.route.selection import spread
 from everplace.route.traverse import Traverse

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from everplace.plots.matrix import draw_similarity
+from everplace.plots.similarity_matrix import draw_similarity
 from everplace.plots.style import WRONG, mark_legend, styled
 
 __all__ = ["draw_path"]

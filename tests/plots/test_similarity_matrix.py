@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection
 from PIL import Image as PillowImage
 
 from everplace.plots.canvas import new_axes, png_bytes
-from everplace.plots.matrix import draw_similarity, outline
+from everplace.plots.similarity_matrix import draw_similarity, outline
 
 SCORES = np.array([[0.9, 0.1, 0.2], [0.3, 0.2, 0.8]], dtype=np.float32)
 NAMED: Any = {"query": "q", "database": "d", "title": "t"}

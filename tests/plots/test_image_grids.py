@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from everplace.errors import ImageError
 from everplace.plots.canvas import new_figure, png_bytes
-from everplace.plots.grid import (
+from everplace.plots.image_grids import (
     Translation,
     draw_constant_grid,
     draw_image_grid,

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.colors import to_hex
 
 from everplace.plots.canvas import new_figure, png_bytes
-from everplace.plots.curves import (
+from everplace.plots.precision_recall import (
     Curve,
     draw_precision_recall_panels,
     from_recall_zero,

@@ -6,7 +6,7 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import Rectangle
 
 from everplace.plots.canvas import new_figure, png_bytes
-from everplace.plots.gallery import Match, draw_matches
+from everplace.plots.match_gallery import Match, draw_matches
 from everplace.plots.style import RIGHT, WRONG
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from everplace.plots.curves import Curve, from_recall_zero
+from everplace.plots.precision_recall import Curve, from_recall_zero
 from everplace.plots.style import line_looks
 
 __all__ = ["precision_recall_figure", "thinned"]

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from everplace.plots.curves import Curve
-from everplace.plots.interactive import precision_recall_figure, thinned
+from everplace.plots.interactive_curves import precision_recall_figure, thinned
+from everplace.plots.precision_recall import Curve
 from everplace.plots.style import COLOURS
 
 Make = Callable[[list[float], list[float]], Curve]
