@@ -22,9 +22,7 @@ from everplace.training.config import TrainConfig
 from everplace.training.fit import train
 from studies import comparisons, folds, sequences
 from studies.protocols import PROTOCOLS, Protocol
-from studies.tables import spread
-
-SCORES = ("recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP")
+from studies.tables import SCORES, spread
 
 
 def main() -> None:
@@ -153,19 +151,11 @@ def _entries(ledger: dict[str, Any], name: str) -> list[dict[str, Any]]:
 
 def _line(name: str, entries: list[dict[str, Any]], pair: int) -> str:
     measured = [entry["pairs"][pair] for entry in entries]
-    values = [
-        [one["recall_at"]["1"] for one in measured],
-        [one["recall_at"]["5"] for one in measured],
-        [one["recall_at"]["10"] for one in measured],
-        *([one[key] for one in measured] for key in _KEYS),
-    ]
+    values = [[read(one) for one in measured] for read in SCORES.values()]
     seconds = [entry["seconds"] for entry in entries if "seconds" in entry]
     training = f"{statistics.mean(seconds) / 60:.1f} min" if seconds else "none"
     cells = [name, str(measured[0]["dimension"]), *map(spread, values), training]
     return "| " + " | ".join(cells) + " |"
-
-
-_KEYS = ("auc_pr", "average_precision", "recall_at_100_precision", "extended_precision")
 
 
 def _audit_lines(protocol: Protocol, ledger: dict[str, Any]) -> list[str]:
