@@ -23,6 +23,7 @@ __all__ = ["app"]
 
 
 def render(
+    *,
     out: OutDirectory,
     places: Annotated[int, typer.Option("--places", min=2, help="Places along the route.")] = 200,
     image_size: AnySize = None,

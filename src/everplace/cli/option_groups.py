@@ -140,11 +140,10 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     """Lets a command take groups: a parameter whose type is one of these classes becomes an option for each field."""
     groups: dict[str, Any] = {}
     parameters: list[Parameter] = []
-    hints = get_type_hints(command, include_extras=True)
-    for parameter in signature(command).parameters.values():
-        group = hints[parameter.name]
+    for parameter in signature(command, eval_str=True).parameters.values():
+        group = parameter.annotation
         if not is_dataclass(group):
-            parameters.append(parameter.replace(annotation=group))
+            parameters.append(parameter)
             continue
         groups[parameter.name] = group
         types = get_type_hints(group, include_extras=True)
@@ -160,7 +159,8 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
             given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
         command(**given)
 
+    # The help names first what a command cannot do without.
     required_first = sorted(parameters, key=lambda one: (one.kind, one.default is not Parameter.empty))
-    vars(ungrouped)["__signature__"] = Signature(required_first)
+    ungrouped.__signature__ = Signature(required_first)  # type: ignore[attr-defined]
     ungrouped.__annotations__ = {one.name: one.annotation for one in required_first}
     return ungrouped
