@@ -14,18 +14,16 @@ from pathlib import Path
 from typing import Any
 
 from everplace.errors import EverplaceError
-from everplace.experiments.evaluation import evaluate_method
+from everplace.experiments.evaluation import evaluate_retrieval
 from everplace.files import write_text
 from everplace.route.route import Route, open_route
 from everplace.route.selection import Selection, parse_frames
-from everplace.scoring.retrieval import Matching, Truth
+from everplace.scoring.retrieval import retrieve
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
 from studies import comparisons, folds, sequences
 from studies.protocols import PROTOCOLS, Protocol
-from studies.tables import spread
-
-SCORES = ("recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP")
+from studies.tables import SCORES, spread
 
 
 def main() -> None:
@@ -126,19 +124,12 @@ def _fit_and_evaluate(route: Route, protocol: Protocol, config: TrainConfig, run
 
 
 def _evaluate(route: Route, protocol: Protocol, method: str) -> list[dict[str, Any]]:
-    measured = []
-    for query, database in protocol.pairs:
-        evaluation = evaluate_method(
-            route,
-            method,
-            query=query,
-            database=database,
-            selection=Selection(parse_frames(protocol.test_frames), protocol.filtered, protocol.filtered),
-            truth=Truth(protocol.tolerance),
-            matching=Matching(),
-        )
-        measured.append(evaluation.metrics())
-    return measured
+    selection = Selection(parse_frames(protocol.test_frames), protocol.filtered, protocol.filtered)
+    found = (
+        retrieve(route, query, database, method, tolerance=protocol.tolerance, selection=selection)
+        for query, database in protocol.pairs
+    )
+    return [evaluate_retrieval(result, method).metrics() for result in found]
 
 
 def _table(protocol: Protocol, ledger: dict[str, Any]) -> str:
@@ -169,19 +160,11 @@ def _entries(ledger: dict[str, Any], name: str) -> list[dict[str, Any]]:
 
 def _line(name: str, entries: list[dict[str, Any]], pair: int) -> str:
     measured = [entry["pairs"][pair] for entry in entries]
-    values = [
-        [one["recall_at"]["1"] for one in measured],
-        [one["recall_at"]["5"] for one in measured],
-        [one["recall_at"]["10"] for one in measured],
-        *([one[key] for one in measured] for key in _KEYS),
-    ]
+    values = [[read(one) for one in measured] for read in SCORES.values()]
     seconds = [entry["seconds"] for entry in entries if "seconds" in entry]
     training = f"{statistics.mean(seconds) / 60:.1f} min" if seconds else "none"
     cells = [name, str(measured[0]["dimension"]), *map(spread, values), training]
     return "| " + " | ".join(cells) + " |"
-
-
-_KEYS = ("auc_pr", "average_precision", "recall_at_100_precision", "extended_precision")
 
 
 def _audit_lines(protocol: Protocol, ledger: dict[str, Any]) -> list[str]:

@@ -10,22 +10,11 @@ import argparse
 import json
 import statistics
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from everplace.files import write_text
-from studies.tables import spread
-
-SCORES: dict[str, Callable[[dict[str, Any]], float]] = {
-    "recall@1": lambda of: float(of["recall_at"]["1"]),
-    "recall@5": lambda of: float(of["recall_at"]["5"]),
-    "recall@10": lambda of: float(of["recall_at"]["10"]),
-    "auc_pr": lambda of: float(of["auc_pr"]),
-    "AP": lambda of: float(of["average_precision"]),
-    "R@100%P": lambda of: float(of["recall_at_100_precision"]),
-    "EP": lambda of: float(of["extended_precision"]),
-}
+from studies.tables import SCORES, spread
 
 # Of a method whatever the pair: the key, and how many digits mean something.
 COSTS = {

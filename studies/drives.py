@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from everplace.choices import Standardisation
 from everplace.describe.files.descriptors import Descriptors
-from everplace.match.best_matches import compared
-from everplace.match.similarity import similarity
-from everplace.match.standardise import Standardisation
+from everplace.match.matching import Matching, compare_descriptors
 from everplace.route.route import Route
 from everplace.route.selection import Selection, parse_frames
 from everplace.route.traverse import Traverse
@@ -61,10 +60,8 @@ TOLERANCE = 1
 
 def choose_drives(route: Route, frames: str) -> DrivePair:
     """Chooses places as `--frames` does, dark and stationary ones dropped."""
-    _, pair = choose_pair(
-        route, "winter", "summer", Selection(parse_frames(frames), drop_dark=True, drop_stationary=True)
-    )
-    _, lit = choose_pair(route, "winter", "summer", Selection(drop_dark=True))
+    pair = choose_pair(route, "winter", "summer", Selection(parse_frames(frames), drop_dark=True, drop_stationary=True))
+    lit = choose_pair(route, "winter", "summer", Selection(drop_dark=True))
     whole, place = with_stops(lit.query, pair.query)
     return DrivePair(whole, place, pair.database, truth_by_position(pair.query, pair.database, TOLERANCE))
 
@@ -122,7 +119,7 @@ def similarities(
         if drive.options is not None:
             frames = frames[resample_drive(len(frames), seed, **drive.options)]
         shown = recorded.place[frames]
-        S = similarity(*compared(_rows(recorded.query, frames), _rows(database, mapped), how))
+        S = compare_descriptors(_rows(recorded.query, frames), _rows(database, mapped), Matching(how))
         yield S, truth[np.ix_(shown, mapped)], shown
 
 

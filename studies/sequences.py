@@ -15,19 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from everplace.choices import SEQUENCE_METHODS, Standardisation
 from everplace.describe.files.descriptors import Descriptors
 from everplace.describe.registry import open_describer
 from everplace.files import write_text
-from everplace.match.best_matches import compared
-from everplace.match.similarity import similarity
-from everplace.match.standardise import Standardisation
+from everplace.match.matching import Matching, compare_descriptors
 from everplace.route.route import open_route
 from everplace.scoring.scores import evaluate
 from everplace.sequences.frame_change import View, change_in_steps, new_frames
 from everplace.sequences.route_filter import Answer, RouteFilter, filter_windows
 from everplace.sequences.route_model import RouteModel, likelihood_ratios
 from everplace.sequences.route_path import best_path, smooth_route
-from everplace.sequences.sequence_search import SEQUENCE_METHODS, search_sequences
+from everplace.sequences.sequence_search import search_sequences
 from studies.drives import DRIVES, TOLERANCE, Drive, Recorded, choose_drives, similarities
 from studies.paired import Found, found_on, paired_difference
 
@@ -116,7 +115,7 @@ def _measure(
 
 def _changes(recorded: Recorded, database: Descriptors, how: Standardisation | None) -> dict[str, dict[str, float]]:
     """Quantiles of `change_in_steps` since the last frame in which the train moved, while it moves and stands."""
-    ratios = likelihood_ratios(similarity(*compared(recorded.query, database, how)), RouteModel())
+    ratios = likelihood_ratios(compare_descriptors(recorded.query, database, Matching(how)), RouteModel())
     views = [View.of(row) for row in ratios]
     moving = recorded.moving
     before = moving[np.searchsorted(moving, np.arange(1, len(views))) - 1]

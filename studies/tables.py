@@ -3,7 +3,19 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
+
+SCORES: dict[str, Callable[[dict[str, Any]], float]] = {
+    "recall@1": lambda of: float(of["recall_at"]["1"]),
+    "recall@5": lambda of: float(of["recall_at"]["5"]),
+    "recall@10": lambda of: float(of["recall_at"]["10"]),
+    "auc_pr": lambda of: float(of["auc_pr"]),
+    "AP": lambda of: float(of["average_precision"]),
+    "R@100%P": lambda of: float(of["recall_at_100_precision"]),
+    "EP": lambda of: float(of["extended_precision"]),
+}
+"""How metrics.json says each score, by its column."""
 
 
 def spread(values: Sequence[float], digits: int = 3) -> str:

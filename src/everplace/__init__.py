@@ -7,6 +7,7 @@
     query, database = run.describe(route["winter"]), run.describe(route["summer"])
     S = ep.similarity(query, database)
     scores = ep.evaluate(S, ep.truth_by_position(route["winter"], route["summer"], tolerance=1))
+    result = ep.retrieve(route, "winter", "summer", "hog")  # all of it at once, by the truth that the route states
 
 Names are imported when they are first used, so that `import everplace` stays light.
 """
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from everplace.describe.files.descriptors import Descriptors, load_descriptors
     from everplace.describe.registry import load
     from everplace.errors import EverplaceError
+    from everplace.match.matching import Matching
     from everplace.match.new_place import new_place_probability
     from everplace.match.similarity import similarity, similarity_blocks, top_k
     from everplace.match.standardise import standardise
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from everplace.route.selection import Selection, parse_frames, select
     from everplace.route.traverse import Frame, Traverse
     from everplace.route.truth import truth_by_pose, truth_by_position
+    from everplace.scoring.retrieval import Retrieval, retrieve
     from everplace.scoring.scores import Scores, evaluate, precision_recall
     from everplace.sequences.route_filter import Answer, RouteFilter
     from everplace.sequences.route_model import RouteModel
@@ -40,6 +43,8 @@ __all__ = [
     "Descriptors",
     "EverplaceError",
     "Frame",
+    "Matching",
+    "Retrieval",
     "Route",
     "RouteFilter",
     "RouteModel",
@@ -55,6 +60,7 @@ __all__ = [
     "open_route",
     "parse_frames",
     "precision_recall",
+    "retrieve",
     "search_sequences",
     "select",
     "similarity",
@@ -72,6 +78,8 @@ _HOME = {
     "Descriptors": "describe.files.descriptors",
     "EverplaceError": "errors",
     "Frame": "route.traverse",
+    "Matching": "match.matching",
+    "Retrieval": "scoring.retrieval",
     "Route": "route.route",
     "RouteFilter": "sequences.route_filter",
     "RouteModel": "sequences.route_model",
@@ -87,6 +95,7 @@ _HOME = {
     "open_route": "route.route",
     "parse_frames": "route.selection",
     "precision_recall": "scoring.scores",
+    "retrieve": "scoring.retrieval",
     "search_sequences": "sequences.sequence_search",
     "select": "route.selection",
     "similarity": "match.similarity",

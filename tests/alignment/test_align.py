@@ -241,7 +241,7 @@ def test_words_cannot_be_aligned_by(drives: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--by", "luck"], "--by 'luck' is not known; choose poses or pairs or images"),
+        (["--by", "luck"], "Invalid value for '--by': 'luck' is not one of 'poses', 'pairs', 'images'"),
         (["--by", "pairs"], "--by pairs and --pairs FILE.csv go together"),
         (["--by", "poses", "--pairs", "x.csv"], "--by pairs and --pairs FILE.csv go together"),
         (["--by", "images", "--radius", "3"], "--radius is of no use with --by images"),

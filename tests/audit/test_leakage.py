@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -21,6 +22,13 @@ from everplace.model.pixels import to_input
 from everplace.model.posterior import Posterior
 
 Pixels = NDArray[np.uint8]
+
+
+def audited(
+    model: ConditionVAE, frames: Sequence[Pixels], tolerance: int, conditions: Sequence[str] | None = None
+) -> Audit:
+    """An audit of traverses each of which has a condition of its own, unless others are given."""
+    return audit(model, frames, tolerance, conditions=conditions or [str(number) for number in range(len(frames))])
 
 
 class PixelEncoder(nn.Module):
@@ -85,7 +93,7 @@ def swap_of(found: Audit) -> SwapError:
 def test_a_latent_that_is_disentangled_is_found_so(pixel_model: ConditionVAE) -> None:
     places = codes(0, 20, 96)
     conditions = [np.tile(code, (20, 1)) for code in codes(1, 2, 32)]
-    found = audit(pixel_model, [pictures(places, condition) for condition in conditions], tolerance=0)
+    found = audited(pixel_model, [pictures(places, condition) for condition in conditions], tolerance=0)
     # Both conditions show the same z_p, so whatever a probe says is right for one of the two.
     assert (probes(found)[0].linear, probes(found)[0].mlp) == (0.5, 0.5)
     assert (probes(found)[1].linear, probes(found)[1].mlp) == (1.0, 1.0)
@@ -103,7 +111,7 @@ def test_a_z_c_that_carries_the_place_is_told(pixel_model: ConditionVAE) -> None
     """The shortcut: z_c is the place, z_p the condition."""
     places = codes(2, 20, 32)
     conditions = [np.tile(code, (20, 1)) for code in codes(3, 2, 96)]
-    found = audit(pixel_model, [pictures(condition, places) for condition in conditions], tolerance=0)
+    found = audited(pixel_model, [pictures(condition, places) for condition in conditions], tolerance=0)
     assert probes(found)[0].linear == 1.0
     assert probes(found)[1].linear == 0.5
     assert found.recall_at_1["z_c"] == 1.0
@@ -121,12 +129,12 @@ def test_tolerance_counts_places(pixel_model: ConditionVAE) -> None:
     constant = np.tile(codes(5, 1, 32), (12, 1))
     # Each frame of the second condition shows the place two further on.
     frames = [pictures(places, constant), pictures(np.roll(places, -2, axis=0), constant)]
-    found = audit(pixel_model, frames, tolerance=1)
+    found = audited(pixel_model, frames, tolerance=1)
     assert found.recall_at_1["z_p"] == 0.0
     # Of 144 pairs 12 are of one place and 2 × 11 of neighbours.
     assert found.recall_chance == pytest.approx(34 / 144)
     # But for the two at the end, whose match is at the start.
-    assert audit(pixel_model, frames, tolerance=2).recall_at_1["z_p"] == pytest.approx(10 / 12)
+    assert audited(pixel_model, frames, tolerance=2).recall_at_1["z_p"] == pytest.approx(10 / 12)
 
 
 def test_one_leaking_dimension_of_96_is_found_by_both_probes(pixel_model: ConditionVAE) -> None:
@@ -135,7 +143,7 @@ def test_one_leaking_dimension_of_96_is_found_by_both_probes(pixel_model: Condit
     rng = np.random.default_rng(8)
     for condition, block in enumerate(blocks):
         block[:, 40] = 50 + 150 * condition + rng.integers(0, 50, 200)
-    found = audit(pixel_model, [pictures(block, constant) for block in blocks], tolerance=0)
+    found = audited(pixel_model, [pictures(block, constant) for block in blocks], tolerance=0)
     assert probes(found)[0].linear > 0.95
     assert probes(found)[0].mlp > 0.95
 
@@ -149,14 +157,14 @@ def test_a_leak_that_is_not_linear_is_found_by_the_perceptron(pixel_model: Condi
         sign = rng.choice([-1, 1], (200, 1))
         block[:, :8] = 128 + 90 * sign + rng.integers(-20, 20, (200, 8))
         block[:, 8:16] = 128 + 90 * sign * (1 - 2 * condition) + rng.integers(-20, 20, (200, 8))
-    found = audit(pixel_model, [pictures(block, constant) for block in blocks], tolerance=0)
+    found = audited(pixel_model, [pictures(block, constant) for block in blocks], tolerance=0)
     assert probes(found)[0].mlp > 0.95
     assert abs(probes(found)[0].linear - 0.5) < 0.15
 
 
 def test_what_is_not_there_is_not_found(pixel_model: ConditionVAE) -> None:
     frames = [pictures(codes(20 + c, 150, 96), codes(30 + c, 150, 32)) for c in range(3)]
-    found = audit(pixel_model, frames, tolerance=0)
+    found = audited(pixel_model, frames, tolerance=0)
     for probe in probes(found):
         assert probe.chance == pytest.approx(1 / 3)
         assert abs(probe.linear - 1 / 3) < 0.1
@@ -168,7 +176,7 @@ def test_divergences_and_active_dimensions(pixel_model: ConditionVAE) -> None:
     # KL = mean² / 2 here: 0.1² / 2 = 0.005 is below the threshold, 0.2² / 2 = 0.02 above it.
     z_p[:, :90], z_p[:, 90:] = 26, 51
     z_c[:, 1:] = 0
-    found = audit(pixel_model, [pictures(z_p, z_c), pictures(z_p, z_c)], tolerance=0)
+    found = audited(pixel_model, [pictures(z_p, z_c), pictures(z_p, z_c)], tolerance=0)
     assert found.active_dimensions == {"z_p": 6, "z_c": 1}
     assert found.kl["z_p"] == pytest.approx(0.5 * (90 * (26 / 255) ** 2 + 6 * (51 / 255) ** 2), rel=1e-5)
     assert found.kl["z_c"] == pytest.approx(0.5 * ((z_c[:, 0] / 255) ** 2).mean(), rel=1e-5)
@@ -194,7 +202,7 @@ def test_swap_errors_of_a_real_network_by_a_direct_computation(monkeypatch: pyte
     model = network()
     rng = np.random.default_rng(1)
     frames = [rng.integers(0, 256, (14, 32, 32, 1), dtype=np.uint8) for _ in range(3)]
-    found = swap_of(audit(model, frames, tolerance=1))
+    found = swap_of(audited(model, frames, tolerance=1))
     images = [to_input(torch.from_numpy(block)) for block in frames]
     rows = []
     with torch.no_grad():
@@ -220,7 +228,7 @@ def test_a_few_places_are_enough(places: int) -> None:
     frames = [rng.integers(0, 256, (places, 32, 32, 1), dtype=np.uint8) for _ in range(3)]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = audit(network(), frames, tolerance=0)
+        found = audited(network(), frames, tolerance=0)
     assert 0 <= probes(found)[0].mlp <= 1
     assert json.loads(json.dumps(found.to_dict()))["swap"]["unchanged"] == swap_of(found).unchanged
 
@@ -229,14 +237,14 @@ def test_a_few_places_are_enough(places: int) -> None:
 def test_too_few_traverses_or_places_are_one_clear_error(traverses: int, places: int) -> None:
     frames = [np.zeros((places, 32, 32, 1), dtype=np.uint8) for _ in range(traverses)]
     with pytest.raises(RouteError, match="needs two traverses of at least four shared places; widen --frames"):
-        audit(network(), frames, tolerance=0)
+        audited(network(), frames, tolerance=0)
 
 
 def test_the_audit_is_repeatable_and_leaves_the_model_alone() -> None:
     model = network()
     before = {name: value.clone() for name, value in model.state_dict().items()}
     frames = [np.random.default_rng(c).integers(0, 256, (12, 32, 32, 1), dtype=np.uint8) for c in range(2)]
-    assert audit(model, frames, tolerance=1) == audit(model, frames, tolerance=1)
+    assert audited(model, frames, tolerance=1) == audited(model, frames, tolerance=1)
     assert all(torch.equal(value, before[name]) for name, value in model.state_dict().items())
 
 
@@ -245,12 +253,12 @@ def test_traverses_of_one_condition_are_one_class(pixel_model: ConditionVAE) -> 
     places = [codes(40 + drive, 20, 96) for drive in range(3)]
     winter, summer = (np.tile(code, (20, 1)) for code in codes(50, 2, 32))
     frames = [pictures(z_p, z_c) for z_p, z_c in zip(places, (winter, winter, summer), strict=True)]
-    found = audit(pixel_model, frames, tolerance=0, conditions=("winter", "winter", "summer"))
+    found = audited(pixel_model, frames, tolerance=0, conditions=("winter", "winter", "summer"))
     _, probe = probes(found)
     assert (probe.linear, probe.mlp) == (1.0, 1.0)
     assert probe.chance == pytest.approx(2 / 3)
     # As drives they cannot be told apart: the two in winter have the same z_c.
-    _, alone = probes(audit(pixel_model, frames, tolerance=0))
+    _, alone = probes(audited(pixel_model, frames, tolerance=0))
     assert alone.linear == pytest.approx(2 / 3)
     # Each winter with summer and back, but not one winter with the other.
     between = [mean_square(places[w], places[2]) + mean_square(winter, summer) for w in (0, 1)]
@@ -259,7 +267,7 @@ def test_traverses_of_one_condition_are_one_class(pixel_model: ConditionVAE) -> 
 
 def test_with_one_condition_there_is_nothing_to_probe_or_swap(pixel_model: ConditionVAE) -> None:
     frames = [pictures(codes(60, 12, 96), codes(61 + drive, 12, 32)) for drive in range(2)]
-    found = audit(pixel_model, frames, tolerance=0, conditions=["rain", "rain"])
+    found = audited(pixel_model, frames, tolerance=0, conditions=["rain", "rain"])
     written = json.loads(json.dumps(found.to_dict()))
     assert [written[key] for key in ("condition_from_z_p", "condition_from_z_c", "swap")] == [None, None, None]
     assert written["recall_at_1"]["z_p"] == 1.0

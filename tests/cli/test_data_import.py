@@ -88,8 +88,8 @@ def test_a_preset_with_fewer_queries_than_map_frames_is_evaluated_against_the_wh
     assert metrics["queries_with_match"] == 3
     assert metrics["recall_at"]["1"] == 1.0
     route = open_route(tmp_path / "r")
-    chosen, pair = choose_pair(route, "summer", "winter", Selection())
-    truth, _ = true_matches(chosen, pair, Truth())
+    pair = choose_pair(route, "summer", "winter", Selection())
+    truth, _ = true_matches(pair, Truth())
     assert [np.flatnonzero(row).tolist() for row in truth] == [[0, 1], [9, 10, 11], [19, 20, 21]]
     assert [pair.database.stems[index] for index in (0, 10, 20)] == list(pair.query.stems)
     # Of the 75 pairs 8 are true; the same scores by scikit-learn's definition of average precision.

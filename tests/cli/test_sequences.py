@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from everplace.choices import SEQUENCE_METHODS, SequenceMethod
 from everplace.cli import main
 from everplace.describe.files.descriptors import load_descriptors
 from everplace.match.similarity import similarity
-from everplace.sequences.sequence_search import SEQUENCE_METHODS, SequenceMethod, search_sequences
+from everplace.sequences.sequence_search import search_sequences
 
 
 def call(*arguments: str | Path) -> tuple[int, str]:
@@ -81,4 +82,4 @@ def test_another_method_is_refused_by_name(tiny_route: Path, tmp_path: Path, com
     }
     status, err = call(*arguments[command], "--sequence-method", "dtw", "--out", tmp_path / "out.png")
     assert status == 2
-    assert "--sequence-method 'dtw' is not known; choose filter or seqslam or mean" in err
+    assert "Invalid value for '--sequence-method': 'dtw' is not one of 'filter', 'seqslam', 'mean'" in err

@@ -18,7 +18,7 @@ EXAMPLES = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 @pytest.mark.parametrize("name", everplace.__all__)
 def test_every_public_name_is_on_the_page(name: str) -> None:
     assert re.search(rf"`{name}`", PAGE)
-    assert name in ("Answer", "Describer", "Descriptors", "Frame", "Route", "Scores", "Traverse") or any(
+    assert name in ("Answer", "Describer", "Descriptors", "Frame", "Retrieval", "Route", "Scores", "Traverse") or any(
         f"ep.{name}" in example for example in EXAMPLES
     )
 

@@ -13,7 +13,8 @@ from everplace.experiments.captions import (
     right_words,
     score_words,
 )
-from everplace.scoring.retrieval import Matching, Truth
+from everplace.match.matching import Matching
+from everplace.scoring.retrieval import Truth
 
 
 def test_query_and_database_are_told_apart() -> None:

@@ -12,12 +12,13 @@ from everplace.describe import methods
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MethodError, RouteError
 from everplace.experiments.comparison import compare_methods
+from everplace.experiments.comparison_methods import Methods, fit_and_open, select_tested
 from everplace.experiments.comparison_report import write_comparison
-from everplace.experiments.fitting import Methods, fit_and_open, select_tested
 from everplace.experiments.manifest import open_study
+from everplace.match.matching import Matching
 from everplace.route.route import open_route
 from everplace.route.selection import Selection, parse_frames
-from everplace.scoring.retrieval import Matching, Truth
+from everplace.scoring.retrieval import Truth
 from everplace.training.fitted_methods import build_config, fit_method
 
 

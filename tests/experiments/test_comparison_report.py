@@ -13,12 +13,13 @@ from everplace import locking
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError
 from everplace.experiments.comparison import Comparison, compare_methods
+from everplace.experiments.comparison_methods import Methods
 from everplace.experiments.comparison_report import write_comparison
-from everplace.experiments.fitting import Methods
 from everplace.experiments.manifest import open_study
 from everplace.locking import locked
+from everplace.match.matching import Matching
 from everplace.route.route import open_route
-from everplace.scoring.retrieval import Matching, Truth
+from everplace.scoring.retrieval import Truth
 
 
 def written(route: Path, out: Path, **methods: str | Path) -> Comparison:

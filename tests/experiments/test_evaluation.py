@@ -8,17 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from markupsafe import escape
 from PIL import Image
 
-from everplace.experiments.evaluation import Evaluation, evaluate_method, write_evaluation
+from everplace.experiments.evaluation import Evaluation, evaluate_retrieval, write_evaluation
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.model.checkpoint import save_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.model_config import ModelConfig
-from everplace.report.blocks import escaped
 from everplace.route.route import open_route
-from everplace.route.selection import Selection
-from everplace.scoring.retrieval import Matching, Truth
+from everplace.scoring.retrieval import Truth, retrieve
 from everplace.training.config import TrainConfig, write_config
 
 PLACES = 6
@@ -44,10 +43,8 @@ def evaluated(route: Path, run: Path, about: dict[str, str], truth: Truth) -> Ev
     config = ModelConfig.model_validate({**settings, "places": 3, "fully_connected": False})
     save_checkpoint(run, ConditionVAE(config), about)
     write_config(run, TrainConfig.build(model="cp-vae", epochs=1))
-    return evaluate_method(
-        open_route(route), str(run), query="day", database="night", selection=Selection(), truth=truth,
-        matching=Matching(),
-    )  # fmt: skip
+    result = retrieve(open_route(route), "day", "night", run, tolerance=truth.tolerance, radius=truth.radius)
+    return evaluate_retrieval(result, str(run))
 
 
 @pytest.mark.slow
@@ -90,7 +87,7 @@ def test_the_report_says_how_it_was_measured(route: Path, tmp_path: Path) -> Non
         "mean of the precision at the lowest recall and recall at 100 % precision.",
         *(DEFINITIONS[name] for name in ("curve", "recall@N", "auc_pr", "AP", "R@100%P", "dimension", "ms/image")),
     ):
-        assert escaped(said) in section
+        assert escape(said) in section
     assert "match plain" not in page
 
 
@@ -101,10 +98,7 @@ def test_pictures_of_an_earlier_method_do_not_stay(route: Path, tmp_path: Path) 
     for name in latent:  # not written by an evaluation, so not removed by one
         out.mkdir(exist_ok=True)
         (out / name).write_bytes(b"mine")
-    hog = evaluate_method(
-        open_route(route), "hog", query="day", database="night", selection=Selection(), truth=Truth(tolerance=1),
-        matching=Matching(),
-    )  # fmt: skip
+    hog = evaluate_retrieval(retrieve(open_route(route), "day", "night", "hog", tolerance=1), "hog")
     write_evaluation(hog, out, details={})
     assert {(out / name).read_bytes() for name in latent} == {b"mine"}
     write_evaluation(evaluated(route, tmp_path / "run", {}, Truth(tolerance=1)), out, details={})
@@ -122,10 +116,6 @@ def test_traverse_and_condition_are_both_told(route: Path, tmp_path: Path) -> No
     copy = tmp_path / "route"
     shutil.copytree(route, copy)
     (copy / "route.toml").write_text('[traverses.day]\ncondition = "sun"\n[traverses.night]\ncondition = "dark"\n')
-    evaluation = evaluate_method(
-        open_route(copy), "sad", query="sun", database="night", selection=Selection(), truth=Truth(tolerance=1),
-        matching=Matching(),
-    )  # fmt: skip
-    metrics = evaluation.metrics()
+    metrics = evaluate_retrieval(retrieve(open_route(copy), "sun", "night", "sad", tolerance=1), "sad").metrics()
     assert (metrics["query_traverse"], metrics["database_traverse"]) == ("day", "night")
     assert (metrics["query_condition"], metrics["database_condition"]) == ("sun", "dark")

@@ -11,11 +11,12 @@ from PIL import Image
 from tests.experiments.comparing import MEASURED, OPTIONS, compare, refused
 
 from everplace.experiments.comparison import COSTS, SCORES
-from everplace.experiments.evaluation import evaluate_method, write_evaluation
+from everplace.experiments.evaluation import evaluate_retrieval, write_evaluation
 from everplace.experiments.manifest import DEFINITIONS, open_study
+from everplace.match.matching import Matching
 from everplace.route.route import open_route
 from everplace.route.selection import Selection, select
-from everplace.scoring.retrieval import Matching, Truth
+from everplace.scoring.retrieval import Truth, retrieve
 
 
 def without_measured(metrics: Any) -> Any:
@@ -67,10 +68,7 @@ def test_the_protocol_that_chose_the_frames_is_named_in_every_result(tiny_route:
     assert "tiny (Somewhere, 12 frames, ±1): 12 places, within ±1 frames" in (tmp_path / "c" / "report.html").read_text(
         "utf-8"
     )
-    evaluated = evaluate_method(
-        open_route(tiny_route), "hog", query="winter", database="summer", selection=Selection(), truth=Truth(),
-        matching=Matching(),
-    )  # fmt: skip
+    evaluated = evaluate_retrieval(retrieve(open_route(tiny_route), "winter", "summer", "hog"), "hog")
     assert evaluated.metrics()["protocol"] == "Somewhere, 12 frames, ±1"
     write_evaluation(evaluated, tmp_path / "e", details={})
     assert "tiny (Somewhere, 12 frames, ±1): within ±1 frames, descriptors compared as they are" in (

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from everplace.describe.registry import open_describer
-from everplace.experiments.recipe_names import ingredient_metrics, named_ingredients, named_method
+from everplace.experiments.recipe_names import named_method, named_recipe, recipe_metrics
 from everplace.training.config import TrainConfig
 
 
@@ -24,14 +24,14 @@ from everplace.training.config import TrainConfig
     ],
 )
 def test_all_but_a_faithful_run_is_named(settings: dict[str, str], said: str | None) -> None:
-    assert named_ingredients(settings) == said
-    assert ingredient_metrics({**settings, "seed": 3}) == settings
+    assert named_recipe(settings) == said
+    assert recipe_metrics({**settings, "seed": 3}) == settings
 
 
 def test_a_method_without_a_recipe_is_not_named() -> None:
     settings = open_describer("hog").settings()
-    assert named_ingredients(settings) is None
-    assert ingredient_metrics(settings) == {}
+    assert named_recipe(settings) is None
+    assert recipe_metrics(settings) == {}
 
 
 @pytest.mark.parametrize(
@@ -39,10 +39,8 @@ def test_a_method_without_a_recipe_is_not_named() -> None:
     [
         ({}, "run"),
         ({"recipe": "best"}, "run (recipe best)"),
-        ({"remedies": {"adversary": 1.0, "free_bits": 2.0}}, "run (adversary on z_p, free bits)"),
-        ({"remedies": {"swap": 1.0, "conditional_prior": True}},
-         "run (swap reconstruction, conditional prior p(z_c|c))"),
-        ({"recipe": "best", "remedies": {"adversary": 1.0}}, "run (recipe best, adversary on z_p)"),
+        ({"fully_connected": False}, "run (no fully connected chain)"),
+        ({"recipe": "best", "fully_connected": False}, "run (recipe best)"),
         ({"recipe": "best", "projection": {"ridge": 9.0}}, "run (recipe best, z_p from oriented gradients)"),
     ],
 )  # fmt: skip

@@ -64,7 +64,11 @@ def test_all_three_figures_of_any_route(tmp_path: Path, conditions: int, channel
     names = ["autumn", "night", "rain", "spring", "summer", "winter"][:conditions]
     route = make_route(tmp_path, names, channels=channels)
     model = network(channels)
-    figures = [swap_figure(model, route), constant_figure(model, route, count=4), translation_figure(model, route)]
+    figures = [
+        swap_figure(model, route, label="run"),
+        constant_figure(model, route, count=4, label="run"),
+        translation_figure(model, route, label="run"),
+    ]
     # Two headers and the square; 4 places of each with its decoded image; 3 places with their translations.
     images = [2 * conditions + conditions**2, 2 * 4 * conditions, 3 * (1 + 2 * conditions)]
     assert [len(figure.axes[0].images) for figure in figures] == images
@@ -75,19 +79,19 @@ def test_all_three_figures_of_any_route(tmp_path: Path, conditions: int, channel
 
 def test_a_swap_takes_the_place_of_the_row_and_the_condition_of_the_column(tmp_path: Path) -> None:
     route, model = make_route(tmp_path, ["summer", "winter"]), network()
-    axes = swap_figure(model, route, 4).axes[0]
+    axes = swap_figure(model, route, 4, label="run").axes[0]
     z_p, z_c = zip(*(codes(model, pixels_of(route, name)[4:5]) for name in ("summer", "winter")), strict=True)
     shown = [np.asarray(image.get_array()) for image in axes.images]
     for row in (0, 1):
         for column in (0, 1):
             expected = drawn(model, z_p[row][0], z_c[column][0])
-            np.testing.assert_allclose(shown[2 + 3 * row + 1 + column], expected, atol=1)
-    assert "place 4 with z_p and z_c swapped" in [text.get_text() for text in axes.texts]
+            np.testing.assert_allclose(shown[4 + 2 * row + column], expected, atol=1)
+    assert "run: place 4 with z_p and z_c swapped" in [text.get_text() for text in axes.texts]
 
 
 def test_the_constant_is_the_mean_of_all_frames_of_the_first_traverse(tmp_path: Path) -> None:
     route, model = make_route(tmp_path, ["summer", "winter"]), network()
-    axes = constant_figure(model, route, count=2).axes[0]
+    axes = constant_figure(model, route, count=2, label="run").axes[0]
     constant = codes(model, pixels_of(route, "summer"))[1].mean(0)
     z_p = codes(model, pixels_of(route, "winter"))[0]
     shown = [np.asarray(image.get_array()) for image in axes.images]
@@ -101,7 +105,7 @@ def test_a_translation_has_the_mean_z_c_of_each_condition_above_its_true_frame(t
         '[traverses.a]\ncondition = "dry"\n[traverses.b]\ncondition = "wet"\n[traverses.c]\ncondition = "wet"\n'
     )
     route, model = open_route(tmp_path), network()
-    axes = translation_figure(model, route, count=2, source="c").axes[0]
+    axes = translation_figure(model, route, count=2, source="c", label="run").axes[0]
     frames = {name: pixels_of(route, name) for name in "abc"}
     z_p = codes(model, frames["c"])[0]
     means = [
@@ -130,12 +134,12 @@ def test_places_and_traverses_that_are_not_there_are_named(tmp_path: Path) -> No
     route, model = make_route(tmp_path, ["summer", "winter"]), network()
     for place in (PLACES, -1):
         with pytest.raises(RouteError, match=f"no place {place}, the traverses share 6; choose one from 0 to 5"):
-            swap_figure(model, route, place)
+            swap_figure(model, route, place, label="run")
     with pytest.raises(RouteError, match="'hail'"):
-        translation_figure(model, route, source="hail")
+        translation_figure(model, route, source="hail", label="run")
     for path in (tmp_path / "winter").iterdir():
         path.rename(path.with_name(f"w{path.name}"))
     apart = open_route(tmp_path)
     for figure in (swap_figure, constant_figure, translation_figure):
         with pytest.raises(RouteError, match="share no stem, so there is no place to show"):
-            figure(model, apart)
+            figure(model, apart, label="run")

@@ -19,7 +19,7 @@ from everplace.describe.describer import Describer
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MachineError, MissingExtraError
 from everplace.experiments.evaluation import seen_places
-from everplace.experiments.recipe_names import named_ingredients
+from everplace.experiments.recipe_names import named_recipe
 from everplace.export import onnx_export as export
 from everplace.export.onnx_export import export_onnx
 from everplace.model.checkpoint import save_checkpoint
@@ -147,7 +147,7 @@ def test_the_network_says_how_its_run_was_trained(
     assert told == {"recipe": "best", "remedies": "oriented gradients", "epoch": 3}
     route = open_route(tiny_route)
     assert seen_places(describer, route) == seen_places(open_describer(str(run)), route) == 3
-    assert named_ingredients(describer.settings()) == "recipe best; remedies: oriented gradients"
+    assert named_recipe(describer.settings()) == "recipe best; remedies: oriented gradients"
 
 
 def test_a_toml_of_another_kind_is_not_replaced(tmp_path: Path) -> None:

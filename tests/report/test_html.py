@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import base64
 import html.parser
+import io
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -8,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 import pytest
+from PIL import Image as PillowImage
 
 from everplace.errors import StorageError
 from everplace.plots.canvas import new_axes
-from everplace.report.html import Report
+from everplace.report.html import Report, Section
 
 VOID = {"meta", "img", "link", "br", "hr", "input"}
 PLOTLY = "plotly.js v"
@@ -160,3 +164,59 @@ def test_a_folded_text_is_whole_and_escaped() -> None:
     assert page.words["summary"] == ["Manifest <1>"]
     assert page.words["pre"] == ['{\n  "a": "<b>"\n}']
     assert page.attributes("details") == [{}]
+
+
+def section() -> Section:
+    return Report("r").section("s")
+
+
+def test_any_name_can_be_written() -> None:
+    report = Report("R", details={"frame\udcff": '<a href="x">&\''})
+    report.section("S").paragraph("frame\udcff.png")
+    page = Page(report.html().encode("utf-8").decode("utf-8"))
+    assert page.words["dt"] == [r"frame\udcff"]
+    assert page.words["dd"] == ['<a href="x">&\'']
+    assert page.words["p"] == [r"frame\udcff.png"]
+
+
+def test_facts_pair_names_with_values() -> None:
+    assert section().facts({"queries": 2002, "a<b": 0.12345}, digits=2).blocks == [
+        '<dl class="facts"><div><dt>queries</dt><dd>2,002</dd></div><div><dt>a&lt;b</dt><dd>0.12</dd></div></dl>'
+    ]
+
+
+def _embedded(block: str) -> tuple[str, bytes]:
+    (found,) = re.findall(r'src="data:([^;]+);base64,([^"]+)"', block)
+    return found[0], base64.b64decode(found[1])
+
+
+def test_lines_become_svg_and_images_png_at_twice_the_size() -> None:
+    figure, axes = new_axes(4, 3)
+    axes.plot([0, 1])
+    kind, data = _embedded(section().figure(figure, alt='a "line"', caption="Line <1>").blocks[0])
+    assert kind == "image/svg+xml"
+    assert b"<svg" in data
+    axes.imshow(np.eye(3))
+    block = section().figure(figure, alt='a "line"', caption="Line <1>").blocks[0]
+    kind, data = _embedded(block)
+    assert kind == "image/png"
+    with PillowImage.open(io.BytesIO(data)) as picture:
+        assert picture.size == (768, 576)
+    assert 'width="384" height="288"' in block
+    assert 'alt="a &#34;line&#34;"' in block
+    assert "<figcaption>Line &lt;1&gt;</figcaption>" in block
+
+
+def test_a_heavy_drawing_of_lines_becomes_png() -> None:
+    figure, axes = new_axes(4, 3)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        axes.plot(rng.random(1000))
+    assert _embedded(section().figure(figure, alt="a", dpi=96).blocks[0])[0] == "image/png"
+
+
+def test_chart_data_cannot_end_its_script() -> None:
+    block = section().chart(go.Figure(go.Scatter(x=[0], y=[1], name="</script><!--")), alt="<alt>").blocks[0]
+    assert block.count("</script>") == 1
+    assert "<!--" not in block
+    assert 'aria-label="&lt;alt&gt;"' in block

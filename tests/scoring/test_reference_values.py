@@ -10,9 +10,10 @@ from typing import cast
 
 import pytest
 
+from everplace.choices import Standardisation
 from everplace.describe.registry import open_describer
 from everplace.match.similarity import similarity
-from everplace.match.standardise import Standardisation, standardise
+from everplace.match.standardise import standardise
 from everplace.route.route import Route, open_route
 from everplace.route.selection import Selection, parse_frames, select
 from everplace.route.truth import truth_by_position

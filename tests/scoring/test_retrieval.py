@@ -12,30 +12,62 @@ from numpy.typing import NDArray
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, RouteError
 from everplace.experiments.comparison import compare_methods
+from everplace.experiments.comparison_methods import Methods, select_tested
 from everplace.experiments.comparison_report import write_comparison
-from everplace.experiments.evaluation import evaluate_method, write_evaluation
-from everplace.experiments.fitting import Methods, select_tested
+from everplace.experiments.evaluation import evaluate_retrieval, write_evaluation
 from everplace.experiments.manifest import open_study
+from everplace.match.matching import Matching
+from everplace.match.similarity import similarity
 from everplace.model.checkpoint import save_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.model_config import ModelConfig
 from everplace.route.route import open_route
 from everplace.route.selection import Selection, select
-from everplace.scoring.retrieval import Matching, Truth, choose_pair, retrieve, true_matches
+from everplace.route.truth import truth_by_position
+from everplace.scoring.retrieval import Truth, choose_pair, retrieve, retrieve_pair, true_matches
+from everplace.scoring.scores import evaluate
 
 
 def test_a_pair_is_restricted_to_the_places_that_take_part(tiny_route: Path) -> None:
-    chosen, pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection(slice(2, 7)))
+    pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection(slice(2, 7)))
     assert pair.query.name == "winter"
     assert pair.database.name == "summer"
     assert pair.query.stems == pair.database.stems == ("2", "3", "4", "5", "6")
-    assert {traverse.name for traverse in chosen.traverses} == {"summer", "winter"}
+    assert {traverse.name for traverse in pair.route.traverses} == {"summer", "winter"}
 
 
 def test_a_traverse_can_be_compared_with_itself(tiny_route: Path) -> None:
-    chosen, pair = choose_pair(open_route(tiny_route), "summer", "summer", Selection())
-    result = retrieve(open_describer("hog"), pair, true_matches(chosen, pair, Truth())[0], Matching())
+    result = retrieve(open_route(tiny_route), "summer", "summer", "hog")
     assert result.scores.recall_at["1"] == 1.0
+    assert "every frame finds itself" in result.pair.warning
+    assert not retrieve(open_route(tiny_route), "winter", "summer", "hog").pair.warning
+
+
+def test_a_route_two_traverses_and_a_method_give_scores_curve_and_matrix(tiny_route: Path) -> None:
+    result = retrieve(open_route(tiny_route), "winter", "summer", "hog", selection=Selection(slice(2, None)))
+    places = tuple(str(place) for place in range(2, 12))
+    assert (result.query.name, result.query.stems) == ("winter", places)
+    assert (result.database.name, result.database.stems) == ("summer", places)
+    described = [open_describer("hog").describe(one) for one in (result.query, result.database)]
+    np.testing.assert_array_equal(result.similarity, similarity(*described))
+    np.testing.assert_array_equal(result.truth, truth_by_position(result.query, result.database, 1))
+    assert result.scores == evaluate(result.similarity, result.truth)
+    assert result.curve.area == result.scores.auc_pr
+
+
+def test_an_opened_method_is_as_good_as_its_name(tiny_route: Path) -> None:
+    route = open_route(tiny_route)
+    named, given = (retrieve(route, "winter", "summer", method) for method in ("sad", open_describer("sad")))
+    np.testing.assert_array_equal(named.similarity, given.similarity)
+    assert given.scores == named.scores
+
+
+def test_the_truth_of_a_retrieval_is_the_given_one_or_the_routes(tiny_route: Path) -> None:
+    route = replace(open_route(tiny_route), tolerance=3)
+    assert retrieve(route, "winter", "summer", "sad").rule == Truth(3)
+    assert retrieve(route, "winter", "summer", "sad", tolerance=0).rule == Truth(0)
+    with pytest.raises(RouteError, match="poses"):
+        retrieve(route, "winter", "summer", "sad", radius=5.0)
 
 
 def test_an_unknown_condition_is_named(tiny_route: Path) -> None:
@@ -44,54 +76,56 @@ def test_an_unknown_condition_is_named(tiny_route: Path) -> None:
 
 
 def test_the_truth_comes_from_the_option_then_the_route_then_one_frame(tiny_route: Path) -> None:
-    chosen, pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
-    assert true_matches(chosen, pair, Truth())[1] == Truth(1)
-    assert true_matches(replace(chosen, tolerance=3), pair, Truth())[1] == Truth(3)
-    matches, truth = true_matches(replace(chosen, tolerance=3), pair, Truth(0))
+    pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
+    assert true_matches(pair, Truth())[1] == Truth(1)
+    wider = replace(pair, route=replace(pair.route, tolerance=3))
+    assert true_matches(wider, Truth())[1] == Truth(3)
+    matches, truth = true_matches(wider, Truth(0))
     assert truth == Truth(0)
     np.testing.assert_array_equal(matches, np.eye(12, dtype=bool))
 
 
 def test_two_truths_at_once_are_refused(tiny_route: Path) -> None:
-    chosen, pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
+    pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
     with pytest.raises(ConfigError, match="--radius"):
-        true_matches(chosen, pair, Truth(1, 5.0))
+        true_matches(pair, Truth(1, 5.0))
 
 
 def test_a_radius_uses_poses(tiny_route: Path) -> None:
     for traverse in ("summer", "winter"):
         rows = [f"{place},{10.0 * place},0,0" for place in range(12)]
         (tiny_route / traverse / "poses.csv").write_text("stem,x,y,heading\n" + "\n".join(rows) + "\n")
-    chosen, pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
-    matches, truth = true_matches(chosen, pair, Truth(radius=15.0))
+    pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
+    matches, truth = true_matches(pair, Truth(radius=15.0))
     assert str(truth) == "within 15 m"
     places = np.arange(12)
     np.testing.assert_array_equal(matches, np.abs(places[:, None] - places) <= 1)
 
 
 def test_standardisation_and_sequences_change_the_match(tiny_route: Path) -> None:
-    chosen, pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
-    truth = true_matches(chosen, pair, Truth())[0]
-    plain = retrieve(open_describer("hog"), pair, truth, Matching())
-    centred = retrieve(open_describer("hog"), pair, truth, Matching("centre", 3, "mean"))
+    route = open_route(tiny_route)
+    plain, centred, alone = (
+        retrieve(route, "winter", "summer", "hog", matching=matching)
+        for matching in (Matching(), Matching("centre", 3, "mean"), Matching("centre"))
+    )
     assert np.abs(plain.similarity - centred.similarity).max() > 0.01
     # The first frame of a sequence has no past: its row is that of the centred match alone.
-    alone = retrieve(open_describer("hog"), pair, truth, Matching("centre"))
     np.testing.assert_allclose(centred.similarity[0], alone.similarity[0])
     np.testing.assert_allclose(centred.similarity[2, 2], np.mean([alone.similarity[k, k] for k in range(3)]), rtol=1e-5)
     assert str(Matching("centre", 3)) == "standardised (centre), sequences of 3 (filter, stops not counted)"
 
 
 def test_descriptors_made_before_are_used_again(tiny_route: Path) -> None:
-    chosen, pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
-    truth = true_matches(chosen, pair, Truth())[0]
-    described: dict[str, object] = {}
-    first = retrieve(open_describer("hog"), pair, truth, Matching(), described=described)  # type: ignore[arg-type]
-    kept = dict(described)
-    second = retrieve(open_describer("hog"), pair, truth, Matching(), described=described)  # type: ignore[arg-type]
-    assert set(kept) == {"summer", "winter"}
-    assert all(described[name] is kept[name] for name in kept)
-    np.testing.assert_array_equal(first.similarity, second.similarity)
+    pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
+    hog = open_describer("hog")
+    described = {one.name: hog.describe(one) for one in (pair.query, pair.database)}
+    new = retrieve_pair(pair, hog, Truth(), Matching())
+    used = retrieve_pair(pair, hog, Truth(), Matching(), described=described)
+    np.testing.assert_array_equal(new.similarity, used.similarity)
+    winter = described["winter"]
+    turned = {**described, "winter": replace(winter, values=winter.values[::-1].copy())}
+    other = retrieve_pair(pair, hog, Truth(), Matching(), described=turned)
+    np.testing.assert_array_equal(other.similarity, used.similarity[::-1])
 
 
 def test_stems_that_are_no_places_tell_no_truth_but_poses_do(tiny_route: Path) -> None:
@@ -99,12 +133,12 @@ def test_stems_that_are_no_places_tell_no_truth_but_poses_do(tiny_route: Path) -
     for traverse in ("summer", "winter"):
         rows = [f"{place},{10.0 * place},0,0" for place in range(12)]
         (tiny_route / traverse / "poses.csv").write_text("stem,x,y,heading\n" + "\n".join(rows) + "\n")
-    chosen, pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
+    pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
     with pytest.raises(RouteError, match=r"are not aligned, as route.toml says \(aligned = false\), so nobody knows"):
-        true_matches(chosen, pair, Truth())
-    np.testing.assert_array_equal(true_matches(chosen, pair, Truth(radius=1.0))[0], np.eye(12, dtype=bool))
-    chosen, pair = choose_pair(open_route(tiny_route), "winter", "winter", Selection())
-    np.testing.assert_array_equal(true_matches(chosen, pair, Truth(0))[0], np.eye(12, dtype=bool))
+        true_matches(pair, Truth())
+    np.testing.assert_array_equal(true_matches(pair, Truth(radius=1.0))[0], np.eye(12, dtype=bool))
+    pair = choose_pair(open_route(tiny_route), "winter", "winter", Selection())
+    np.testing.assert_array_equal(true_matches(pair, Truth(0))[0], np.eye(12, dtype=bool))
 
 
 def rename(directory: Path, prefix: str) -> None:
@@ -127,15 +161,7 @@ def test_poses_tell_the_same_places_without_shared_stems(tiny_route: Path, same:
     for traverse in ("summer", "winter"):
         pose(tiny_route / traverse, 10.0)
     (tiny_route / "route.toml").write_text("radius = 15.0\n")
-    evaluated = evaluate_method(
-        open_route(tiny_route),
-        "hog",
-        query="winter",
-        database="summer",
-        selection=Selection(),
-        truth=Truth(),
-        matching=Matching(),
-    )
+    evaluated = evaluate_retrieval(retrieve(open_route(tiny_route), "winter", "summer", "hog"), "hog")
     scores = evaluated.result.scores
     assert (scores.queries, scores.database, scores.queries_with_match) == (11, 12, 11)
     expected = np.abs(np.arange(11)[:, None] - np.arange(12)) <= 1
@@ -149,12 +175,12 @@ def test_pairs_are_the_truth_of_the_route_until_an_option_says_otherwise(tiny_ro
     pairs = "".join(f"winter,q{place},summer,{place}\n" for place in range(10))
     (tiny_route / "truth.csv").write_text("query_traverse,query,database_traverse,database\n" + pairs)
     (tiny_route / "route.toml").write_text('truth = "truth.csv"\n')
-    chosen, pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection(slice(2, None)))
-    matches, truth = true_matches(chosen, pair, Truth())
+    pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection(slice(2, None)))
+    matches, truth = true_matches(pair, Truth())
     assert truth == Truth(pairs="truth.csv")
     np.testing.assert_array_equal(matches, np.diag([True] * 8 + [False] * 2))
     with pytest.raises(RouteError, match="share no stem"):
-        true_matches(chosen, pair, Truth(tolerance=1))
+        true_matches(pair, Truth(tolerance=1))
 
 
 def test_a_comparison_uses_the_pairs_in_both_directions(tiny_route: Path, tmp_path: Path) -> None:
@@ -179,17 +205,17 @@ def test_queries_of_some_places_look_in_the_whole_map(tiny_route: Path) -> None:
     for place in set(range(12)) - {2, 5, 6, 9}:
         (tiny_route / "winter" / f"{place}.png").unlink()
     route = open_route(tiny_route)
-    chosen, pair = choose_pair(route, "winter", "summer", Selection())
-    matches, _ = true_matches(chosen, pair, Truth())
+    pair = choose_pair(route, "winter", "summer", Selection())
+    matches, _ = true_matches(pair, Truth())
     np.testing.assert_array_equal(matches, banded([2, 5, 6, 9], list(range(12))))
     # The other way round only places that the map has are asked for; they are counted along the whole way.
-    chosen, pair = choose_pair(route, "summer", "winter", Selection())
+    pair = choose_pair(route, "summer", "winter", Selection())
     assert pair.query.stems == pair.database.stems == ("2", "5", "6", "9")
-    matches, _ = true_matches(chosen, pair, Truth())
+    matches, _ = true_matches(pair, Truth())
     np.testing.assert_array_equal(matches, banded([2, 5, 6, 9], [2, 5, 6, 9]))
     assert matches.sum() == 6
-    chosen, pair = choose_pair(route, "winter", "summer", Selection(slice(1, 3)))
-    matches, _ = true_matches(chosen, pair, Truth())
+    pair = choose_pair(route, "winter", "summer", Selection(slice(1, 3)))
+    matches, _ = true_matches(pair, Truth())
     np.testing.assert_array_equal(matches, banded([5, 6], [5, 6, 7, 8]))
 
 
@@ -203,10 +229,7 @@ def test_a_comparison_and_an_evaluation_agree_on_the_whole_map(tiny_route: Path,
     assert compared.metrics()["places"] == 4
     found = {(pair["query"], pair["database"]): pair["methods"]["hog"] for pair in compared.metrics()["pairs"]}
     for names, database in ((("winter", "summer"), 12), (("summer", "winter"), 4)):
-        alone = evaluate_method(
-            route, "hog", query=names[0], database=names[1], selection=Selection(), truth=Truth(),
-            matching=Matching("centre"),
-        ).metrics()  # fmt: skip
+        alone = evaluate_retrieval(retrieve(route, *names, "hog", matching=Matching("centre")), "hog").metrics()
         assert (alone["queries"], alone["database"], alone["queries_with_match"]) == (4, database, 4)
         for name in ("recall_at", "auc_pr", "average_precision", "queries", "database"):
             assert found[names][name] == alone[name]
@@ -235,15 +258,7 @@ def test_the_audit_looks_at_shared_places_where_the_scores_do_not_need_them(tiny
     )
     save_checkpoint(tmp_path / "run", ConditionVAE(config), {"recipe": "faithful"})
     (tmp_path / "run" / "config.toml").touch()
-    evaluated = evaluate_method(
-        open_route(tiny_route),
-        str(tmp_path / "run"),
-        query="winter",
-        database="summer",
-        selection=Selection(),
-        truth=Truth(),
-        matching=Matching(),
-    )
+    evaluated = evaluate_retrieval(retrieve(open_route(tiny_route), "winter", "summer", tmp_path / "run"), "run")
     assert (evaluated.result.scores.queries, evaluated.result.scores.database) == (11, 11)
     assert evaluated.audit is not None
     write_evaluation(evaluated, tmp_path / "out", details={})

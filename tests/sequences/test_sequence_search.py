@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
+from everplace.choices import SEQUENCE_METHODS, SequenceMethod
 from everplace.errors import ConfigError, DescriptorsError
 from everplace.sequences.route_filter import filter_windows
 from everplace.sequences.seqslam import seqslam
-from everplace.sequences.sequence_search import SEQUENCE_METHODS, SequenceMethod, average_sequences, search_sequences
+from everplace.sequences.sequence_search import average_sequences, search_sequences
 
 
 def slow(S: NDArray[np.float64], length: int) -> NDArray[np.float64]:

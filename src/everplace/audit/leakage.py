@@ -152,8 +152,7 @@ def audit(
     frames: Sequence[NDArray[np.uint8]],
     tolerance: int,
     *,
-    conditions: Sequence[str] | None = None,
-    seed: int = 0,
+    conditions: Sequence[str],
 ) -> Audit:
     """Audits a model on the same places seen in several traverses.
 
@@ -161,15 +160,13 @@ def audit(
         model: A trained model; for the plain VAE the two blocks are its first 96 and last 32 dimensions.
         frames: One array N×H×W×C a traverse; row i of each shows the same place.
         tolerance: A match this many places away is right.
-        conditions: The condition of each traverse; several may share one. None: each has its own.
-        seed: Of the probes.
+        conditions: The condition of each traverse; several may share one.
 
     Raises:
         RouteError: There are fewer than two traverses or fewer than four places.
     """
     if len(frames) < 2 or len(frames[0]) < 4:
         raise RouteError("the leakage audit needs two traverses of at least four shared places; widen --frames")
-    conditions = tuple(map(str, range(len(frames)))) if conditions is None else tuple(conditions)
     latents = [encode_frames(model, pixels) for pixels in frames]
     kl_place = np.mean([part.kl_place for part in latents], axis=0)
     kl_condition = np.mean([part.kl_condition for part in latents], axis=0)
@@ -180,8 +177,8 @@ def audit(
     }
     truth = _truth(len(frames[0]), tolerance)
     return Audit(
-        condition_from_z_p=_probe(z["z_p"], conditions, seed),
-        condition_from_z_c=_probe(z["z_c"], conditions, seed),
+        condition_from_z_p=_probe(z["z_p"], conditions),
+        condition_from_z_c=_probe(z["z_c"], conditions),
         recall_at_1={name: _recall(blocks, truth) for name, blocks in z.items()},
         recall_chance=float(truth.mean()),
         swap=_swap_error(model, frames, latents, conditions),
@@ -198,7 +195,7 @@ def audit(
     )
 
 
-def _probe(blocks: Sequence[NDArray[np.float32]], conditions: Sequence[str], seed: int) -> Probe | None:
+def _probe(blocks: Sequence[NDArray[np.float32]], conditions: Sequence[str]) -> Probe | None:
     """Fits on one contiguous half of the places and scores on the other, both ways round."""
     shares = [count / len(conditions) for count in Counter(conditions).values()]
     if len(shares) < 2:
@@ -210,7 +207,7 @@ def _probe(blocks: Sequence[NDArray[np.float32]], conditions: Sequence[str], see
     # Regularised and fitted to the end: a probe that is stopped early, on few frames, misses leaks that are there.
     probes = {
         "linear": LogisticRegression(max_iter=1000),
-        "mlp": MLPClassifier((64,), solver="lbfgs", alpha=1.0, max_iter=300, random_state=seed),
+        "mlp": MLPClassifier((64,), solver="lbfgs", alpha=1.0, max_iter=300, random_state=0),
     }
     accuracy = {}
     for name, probe in probes.items():

@@ -4,56 +4,32 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from everplace.cli.options import (
-    DropDark,
-    DropStationary,
-    Epochs,
-    Frames,
-    Grey,
-    ImageSize,
-    Json,
-    Minutes,
-    OutDirectory,
-    Radius,
-    RouteArgument,
-    Seed,
-    Sequence,
-    SequenceSearch,
-    Standardise,
-    Tolerance,
-)  # fmt: skip
+from everplace.cli import options
+from everplace.cli.option_groups import MatchingOptions, RouteOptions, TrainingOptions, TruthOptions, grouped
+from everplace.cli.options import split_names
 from everplace.cli.output import (
     named_settings,
-    one_of,
     provenance,
     require_directory,
-    require_one_length,
     require_outside,
     show_progress,
     show_result,
     warn,
+    warn_of_seen_places,
 )
 from everplace.files import readable
 
-if TYPE_CHECKING:
-    from everplace.describe.describer import Describer
-    from everplace.route.route import Route
-
-__all__ = ["compare", "register"]
+__all__ = ["compare"]
 
 
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command("compare")(compare)
-
-
+@grouped
 def compare(
-    route: RouteArgument,
+    route: options.RouteArgument,
+    *,
     methods: Annotated[
         str,
         typer.Option(
@@ -62,27 +38,15 @@ def compare(
             help="Run directories, sad, hog, ..., or vae, c-vae, cp-vae, cae, fabmap to fit.",
         ),
     ],
-    out: OutDirectory,
-    frames: Frames = "",
+    out: options.OutDirectory,
+    places: RouteOptions,
     fit_frames: Annotated[
         str, typer.Option("--fit-frames", metavar="A:B", help="Places to fit methods on that must be fitted.")
     ] = "",
-    conditions: Annotated[
-        str, typer.Option("--conditions", metavar="A,B", help="Traverses or conditions to compare between [all].")
-    ] = "",
-    tolerance: Tolerance = None,
-    radius: Radius = None,
-    drop_dark: DropDark = False,
-    drop_stationary: DropStationary = False,
-    standardise: Standardise = None,
-    sequence: Sequence = 1,
-    sequence_method: SequenceSearch = "filter",
-    image_size: ImageSize = None,
-    grey: Grey = False,
-    epochs: Epochs = None,
-    minutes: Minutes = None,
-    seed: Seed = None,
-    as_json: Json = False,
+    right: TruthOptions,
+    how: MatchingOptions,
+    training: TrainingOptions,
+    as_json: options.Json = False,
 ) -> None:
     """Compare methods on all ordered pairs of conditions; DIR gets metrics.json, table.md, pr_curves.png, report.html.
 
@@ -90,58 +54,37 @@ def compare(
 
     Example: everplace compare my-route --methods cp-vae,sad,hog --fit-frames 0:800 --frames 820: --out result
     """
-    how = one_of(standardise, "--standardise", ("centre", "full"))
-    search = one_of(sequence_method, "--sequence-method", ("filter", "seqslam", "mean"))
-    require_one_length(epochs, minutes)
     require_directory(out)
     require_outside(out, route)
     from everplace.experiments.comparison import compare_methods
+    from everplace.experiments.comparison_methods import fit_and_open, require_fit_settings, select_tested
     from everplace.experiments.comparison_report import write_comparison
-    from everplace.experiments.fitting import fit_and_open, require_fit_settings, select_tested
     from everplace.experiments.manifest import open_study, require_same_study
-    from everplace.route.route import open_route
-    from everplace.route.selection import Selection, parse_frames
-    from everplace.scoring.retrieval import Matching, Truth
 
-    opened = open_route(route)
-    names = tuple(name for name in conditions.split(",") if name)
-    chosen = opened.choose(names) if names else opened
-    wanted = [name for name in methods.split(",") if name]
-    selection = Selection(parse_frames(frames) if frames else None, drop_dark, drop_stationary)
-    chosen_by = {"conditions": names, "drop_dark": drop_dark, "drop_stationary": drop_stationary}
-    given = {"image_size": image_size, "grey": grey or None, "seed": seed, "epochs": epochs, "minutes": minutes}
-    settings = {**chosen_by, **{key: value for key, value in given.items() if value is not None}}
+    progress = show_progress()
+    chosen, wanted = places.chosen(route), split_names(methods)
+    chosen_by = {
+        "conditions": places.names, "drop_dark": places.drop_dark, "drop_stationary": places.drop_stationary
+    }  # fmt: skip
+    settings = chosen_by | training.given()
     with named_settings(settings):
         require_fit_settings(settings)
-    tested = select_tested(chosen, wanted, selection, fit_frames, show_progress())
-    study = open_study(
-        tested,
-        Truth(tolerance, radius),
-        Matching(how, sequence, search),
-        split={**chosen_by, "frames": frames},
-        progress=show_progress(),
-    )
+    tested = select_tested(chosen, wanted, places.selection(), fit_frames, progress)
+    split = {**chosen_by, "frames": places.frames}
+    study = open_study(tested, right.truth(), how.matching(), split=split, progress=progress)
     require_same_study(out, study)
-    ready = fit_and_open(chosen, wanted, fit_frames, out, settings=settings, progress=show_progress())
-    _warn_of_seen_places(ready.describers, tested)
-    comparison = compare_methods(study, ready, out, command=_command(), progress=show_progress())
+    ready = fit_and_open(chosen, wanted, fit_frames, out, settings=settings, progress=progress)
+    warn_of_seen_places(ready.describers, tested, "Test on others with --frames")
+    comparison = compare_methods(study, ready, out, command=_command(), progress=progress)
     for method, reason in comparison.left_out.items():
         warn(f"{method} is left out: {reason}")
     for note in comparison.notes:
         warn(note)
-    write_comparison(comparison, out, title=f"Comparison on {opened.name}", details=provenance())
+    write_comparison(comparison, out, title=f"Comparison on {chosen.name}", details=provenance())
     if as_json:
         show_result(comparison.metrics(), as_json=True)
     else:
         print((out / "table.md").read_text("utf-8"), end="")
-
-
-def _warn_of_seen_places(describers: Mapping[str, Describer], tested: Route) -> None:
-    from everplace.experiments.evaluation import seen_places, seen_sentence
-
-    for label, describer in describers.items():
-        if seen := seen_places(describer, tested):
-            warn(f"{seen_sentence(label, seen)} Test on others with --frames")
 
 
 def _command() -> str:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Any
 
 import typer
 
-from everplace.cli import data_align, data_fetch, data_import, data_inspect
-from everplace.cli.options import AnySize, Grey, Json, OutDirectory, RouteArgument
+from everplace.cli.data_align import align
+from everplace.cli.data_fetch import fetch
+from everplace.cli.data_import import import_, list_
+from everplace.cli.data_inspect import inspect
+from everplace.cli.options import AnySize, Grey, Json, OutDirectory, RouteArgument, split_names
 from everplace.cli.output import (
     require_directory,
     require_outside,
@@ -16,22 +19,11 @@ from everplace.cli.output import (
     show_result,
 )
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the sub-commands."""
-    data = typer.Typer(help="Fetch, import, render, look at and pack routes.", no_args_is_help=True)
-    data.command("render")(render)
-    data.command("pack")(pack)
-    data_fetch.register(data)
-    data_import.register(data)
-    data_align.register(data)
-    data_inspect.register(data)
-    app.add_typer(data, name="data")
+__all__ = ["app"]
 
 
 def render(
+    *,
     out: OutDirectory,
     places: Annotated[int, typer.Option("--places", min=2, help="Places along the route.")] = 200,
     image_size: AnySize = None,
@@ -55,7 +47,7 @@ def render(
     if image_size is not None:
         given["size"] = image_size
     if conditions:
-        given["conditions"] = tuple(name for name in conditions.split(",") if name)
+        given["conditions"] = split_names(conditions)
     config = render_config(given)
     render_route(out, config, progress=show_progress(), workers=usable_cores())
     show_result({"route": str(out), "traverses": list(config.conditions), "places": config.places}, as_json)
@@ -66,7 +58,7 @@ def pack(
     image_size: AnySize = None,
     grey: Grey = False,
     cache: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--cache", metavar="DIR", help="Where packs are kept [$EVERPLACE_CACHE, else the user's cache]."),
     ] = None,
     as_json: Json = False,
@@ -89,3 +81,13 @@ def pack(
         for traverse in opened.traverses
     }
     show_result({"route": str(route), "packed": shapes}, as_json)
+
+
+app = typer.Typer(help="Fetch, import, render, look at and pack routes.", no_args_is_help=True)
+app.command("render")(render)
+app.command("pack")(pack)
+app.command("fetch")(fetch)
+app.command("import")(import_)
+app.command("list")(list_)
+app.command("align")(align)
+app.command("inspect")(inspect)

@@ -3,52 +3,47 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Any
 
 import typer
 
+from everplace.choices import AlignedBy
 from everplace.cli.options import Json, OutDirectory, RouteArgument
 from everplace.cli.output import (
-    one_of,
     require_directory,
-    require_file,
-    require_no_frame,
     require_outside,
+    require_picture,
     show_progress,
     show_result,
     warn,
 )
 from everplace.errors import ConfigError
 
-__all__ = ["register"]
-
-
-def register(data: typer.Typer) -> None:
-    """Adds the command to `everplace data`."""
-    data.command("align")(align)
+__all__ = ["align"]
 
 
 def align(
     route: RouteArgument,
+    *,
     out: OutDirectory,
-    by: Annotated[str, typer.Option("--by", metavar="poses|pairs|images", help="What tells the same places.")],
+    by: Annotated[AlignedBy, typer.Option("--by", help="What tells the same places.")],
     radius: Annotated[
-        Optional[float],  # noqa: UP045
+        float | None,
         typer.Option("--radius", metavar="METRES", help="Metres between two frames of a place [route.toml, else 10]."),
     ] = None,
     pairs: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--pairs", metavar="FILE.csv", help="Frames that show the same place, one column a traverse."),
     ] = None,
     reference: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option("--reference", metavar="TRAVERSE", help="Whose stems are kept [the one with the fewest frames]."),
     ] = None,
     method: Annotated[
         str, typer.Option("--method", metavar="METHOD", help="Describes the images, for --by images and --picture.")
     ] = "hog",
     picture: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--picture", metavar="FILE.png", help="Draw the similarity of the drives and the path found."),
     ] = None,
     as_json: Json = False,
@@ -57,7 +52,6 @@ def align(
 
     Example: everplace data align my-drives --by images --out my-route --picture path.png
     """
-    one_of(by, "--by", ("poses", "pairs", "images"))
     if (by == "pairs") != (pairs is not None):
         raise ConfigError("--by pairs and --pairs FILE.csv go together; give both or none of them")
     if radius is not None and by != "poses":
@@ -65,8 +59,7 @@ def align(
     require_directory(out)
     require_outside(out, route)
     if picture is not None:
-        require_file(picture, (".png", ".svg", ".pdf"), "--picture")
-        require_no_frame(picture, route, "--picture")
+        require_picture(picture, route, "--picture")
     from everplace.alignment.align import (
         align_by_images,
         align_by_pairs,

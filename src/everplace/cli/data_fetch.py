@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -17,12 +17,7 @@ if TYPE_CHECKING:
     from everplace.importing.catalogue import DataSet
     from everplace.importing.dataset_fetching import Fetched
 
-__all__ = ["fetch", "register"]
-
-
-def register(data: typer.Typer) -> None:
-    """Adds the command to `everplace data`."""
-    data.command("fetch")(fetch)
+__all__ = ["fetch"]
 
 
 def fetch(
@@ -30,7 +25,7 @@ def fetch(
         str, typer.Argument(metavar="NAME", help="nordland64, nordland, nordland-olid, gardens-point, ...")
     ],
     out: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--out", metavar="DIR", help="Where to put it [$EVERPLACE_CACHE, else the user's cache]."),
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Agree to the licence; nobody is asked.")] = False,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Any
 
 import typer
 
@@ -11,13 +11,7 @@ from everplace.cli.options import Json, OutDirectory
 from everplace.cli.output import require_directory, show_progress, show_result, warn
 from everplace.errors import ConfigError
 
-__all__ = ["register"]
-
-
-def register(data: typer.Typer) -> None:
-    """Adds the commands to `everplace data`."""
-    data.command("import")(import_)
-    data.command("list")(list_)
+__all__ = ["import_", "list_"]
 
 
 def import_(
@@ -25,7 +19,7 @@ def import_(
     source: Annotated[Path, typer.Argument(metavar="SOURCE", help="The directory, archive or recording.")],
     out: OutDirectory,
     options: Annotated[
-        Optional[list[str]],  # noqa: UP045
+        list[str] | None,
         typer.Option("--set", metavar="NAME=VALUE", help="An option of the kind; may be given several times."),
     ] = None,
     copy: Annotated[bool, typer.Option("--copy", help="Copy image files instead of linking to them.")] = False,

@@ -4,37 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from everplace.cli.options import Json, RouteArgument
-from everplace.cli.output import (
-    require_file,
-    require_no_frame,
-    show_progress,
-    show_result,
-    warn,
-)
+from everplace.cli.output import require_picture, show_progress, show_result, warn
 
 if TYPE_CHECKING:
     from everplace.route.inspection import Inspection, TraverseInspection
     from everplace.route.route import Route
 
-__all__ = ["inspect", "register"]
+__all__ = ["inspect"]
 
 _SHOWN = 5
-
-
-def register(data: typer.Typer) -> None:
-    """Adds the command to `everplace data`."""
-    data.command("inspect")(inspect)
 
 
 def inspect(
     route: RouteArgument,
     sheet: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--sheet", metavar="FILE.png", help="Also draw places across the traverses."),
     ] = None,
     places: Annotated[int, typer.Option("--places", min=1, help="Places on the sheet.")] = 8,
@@ -47,8 +36,7 @@ def inspect(
     Example: everplace data inspect my-route --sheet my-route.png
     """
     if sheet is not None:
-        require_file(sheet, (".png", ".svg", ".pdf"), "--sheet")
-        require_no_frame(sheet, route, "--sheet")
+        require_picture(sheet, route, "--sheet")
     from everplace.route.inspection import inspect_route
     from everplace.route.route import open_route
 

@@ -10,12 +10,7 @@ import typer
 from everplace.cli.options import Json
 from everplace.cli.output import provenance, require_directory, show_progress, show_result
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command("demo")(demo)
+__all__ = ["demo"]
 
 
 def demo(

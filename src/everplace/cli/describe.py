@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
+from everplace.choices import DescriptorFormat
 from everplace.cli.options import Json, OutFile
 from everplace.cli.output import (
-    one_of,
     require_file,
     require_no_frame,
     show_progress,
@@ -18,12 +18,7 @@ from everplace.cli.output import (
 from everplace.errors import ConfigError
 from everplace.files import readable
 
-__all__ = ["describe", "register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command("describe")(describe)
+__all__ = ["describe"]
 
 
 def describe(
@@ -31,16 +26,15 @@ def describe(
         str, typer.Argument(metavar="METHOD", help="A run directory, or sad, hog, alexnet, vgg19, hub:..., onnx:...")
     ],
     images: Annotated[Path, typer.Argument(metavar="IMAGES", help="Directory of images.")],
+    *,
     out: OutFile,
     batch: Annotated[
-        Optional[int],  # noqa: UP045
+        int | None,
         typer.Option("--batch", min=1, help="Images described at once [what the method asks for, else 32]."),
     ] = None,
-    file_format: Annotated[
-        str, typer.Option("--format", metavar="everplace|hloc", help="Layout of the HDF5 file.")
-    ] = "everplace",
+    file_format: Annotated[DescriptorFormat, typer.Option("--format", help="Layout of the HDF5 file.")] = "everplace",
     image_root: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option(
             "--image-root", metavar="DIR", help="Directory above IMAGES from which the image files are named [IMAGES]."
         ),
@@ -53,7 +47,6 @@ def describe(
 
     Example: everplace describe runs/cp-vae my-route/winter --out winter.h5
     """
-    one_of(file_format, "--format", ("everplace", "hloc"))
     require_file(out)
     if out.suffix.lower() not in (".h5", ".hdf5"):
         require_no_frame(out, images.parent)

@@ -10,12 +10,7 @@ import typer
 from everplace.cli.options import Json
 from everplace.cli.output import require_file, show_result
 
-__all__ = ["export", "register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command("export")(export)
+__all__ = ["export"]
 
 
 def export(

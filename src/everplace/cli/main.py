@@ -7,13 +7,20 @@ import io
 import os
 import sys
 import warnings
-from importlib import import_module
 from importlib.metadata import version
 from typing import Annotated
 
 import typer
 from typer.main import get_command
 
+from everplace.cli import data, show
+from everplace.cli.compare import compare
+from everplace.cli.demo import demo
+from everplace.cli.describe import describe
+from everplace.cli.evaluate import evaluate
+from everplace.cli.export import export
+from everplace.cli.match import match
+from everplace.cli.train import train
 from everplace.errors import EverplaceError
 
 __all__ = ["app", "main", "run"]
@@ -48,8 +55,10 @@ def _options(
     pass
 
 
-for _name in ("demo", "train", "describe", "match", "evaluate", "compare", "show", "export", "data"):
-    import_module(f"everplace.cli.{_name}").register(app)
+for _subcommand in (demo, train, describe, match, evaluate, compare, export):
+    app.command(_subcommand.__name__)(_subcommand)
+app.add_typer(show.app, name="show")
+app.add_typer(data.app, name="data")
 
 
 def main() -> None:
@@ -106,6 +115,7 @@ def _usage(error: Exception, arguments: list[str]) -> int:
     """Says what is wrong with the command line, in one sentence with the way to the help."""
     format_message = getattr(error, "format_message", None)
     message = str(format_message() if callable(format_message) else error).strip().rstrip(".")
+    message = message.replace("Value error, ", "")  # what the parser puts before the reason
     context = getattr(error, "ctx", None)
     if message.startswith("Usage:"):  # no arguments at all: the message is the help
         print(message, file=sys.stderr)

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from everplace.cli.options import Json, OutFile, Sequence, SequenceSearch, Standardise
+from everplace.choices import MatchFormat
+from everplace.cli.option_groups import MatchingOptions, grouped
+from everplace.cli.options import Json, OutFile
 from everplace.cli.output import (
-    one_of,
     require_file,
     require_other,
     show_result,
@@ -20,25 +21,18 @@ from everplace.files import readable
 if TYPE_CHECKING:
     from everplace.describe.files.descriptors import Descriptors
 
-__all__ = ["match", "register"]
+__all__ = ["match"]
 
 
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command("match")(match)
-
-
+@grouped
 def match(
     database: Annotated[Path, typer.Argument(metavar="DATABASE.h5", help="Descriptors of the map.")],
     query: Annotated[Path, typer.Argument(metavar="QUERY.h5", help="Descriptors of the frames that ask.")],
+    *,
     out: OutFile,
     top: Annotated[int, typer.Option("--top", min=1, metavar="K", help="Matches for each query.")] = 1,
-    standardise: Standardise = None,
-    sequence: Sequence = 1,
-    sequence_method: SequenceSearch = "filter",
-    file_format: Annotated[
-        str, typer.Option("--format", metavar="csv|hloc-pairs|kapture", help="Kind of file.")
-    ] = "csv",
+    how: MatchingOptions,
+    kind: Annotated[MatchFormat, typer.Option("--format", help="Kind of file.")] = "csv",
     as_json: Json = False,
 ) -> None:
     """Find the most similar database frames of every query.
@@ -47,19 +41,16 @@ def match(
 
     Example: everplace match summer.h5 winter.h5 --top 5 --out matches.csv
     """
-    how = one_of(standardise, "--standardise", ("centre", "full"))
-    search = one_of(sequence_method, "--sequence-method", ("filter", "seqslam", "mean"))
-    kind = one_of(file_format, "--format", ("csv", "hloc-pairs", "kapture"))
     require_file(out)
     for given in (database, query):
         require_other(out, given)
     from everplace.describe.files.descriptors import load_descriptors
-    from everplace.match.best_matches import best_matches
     from everplace.match.match_file import write_matches
+    from everplace.match.matching import best_matches
     from everplace.match.new_place import new_place_summary
 
     asked, known = load_descriptors(query), load_descriptors(database)
-    indices, scores = best_matches(asked, known, top, standardised=how, sequence=sequence, sequence_method=search)
+    indices, scores = best_matches(asked, known, top, how.matching())
     asked_names, known_names = (
         described.names if kind == "csv" else _image_names(described, path, kind)
         for described, path in ((asked, query), (known, database))
@@ -76,7 +67,7 @@ def match(
     show_result(result, as_json)
 
 
-def _image_names(described: Descriptors, path: Path, kind: str) -> tuple[str, ...]:
+def _image_names(described: Descriptors, path: Path, kind: MatchFormat) -> tuple[str, ...]:
     """What hloc and kapture call the frames; of a file that does not say it, the names of the frames."""
     if described.image_names is not None:
         return described.image_names

@@ -10,25 +10,31 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from datetime import datetime, timezone
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from everplace.errors import ConfigError, SettingError
 from everplace.files import is_special, json_text, readable
 from everplace.progress import Progress
 
+if TYPE_CHECKING:
+    from everplace.describe.describer import Describer
+    from everplace.route.route import Route
+    from everplace.scoring.retrieval import Retrieval
+
 __all__ = [
     "named_settings",
-    "one_of",
     "provenance",
     "require_directory",
     "require_file",
     "require_no_frame",
-    "require_one_length",
     "require_other",
     "require_outside",
+    "require_picture",
     "show_progress",
     "show_result",
     "warn",
+    "warn_of_retrieval",
+    "warn_of_seen_places",
 ]
 
 T = TypeVar("T")
@@ -73,6 +79,22 @@ def provenance() -> dict[str, str]:
 def warn(message: str) -> None:
     """Says something on stderr that the user should know, though the work goes on."""
     print(f"everplace: {message}", file=sys.stderr)
+
+
+def warn_of_seen_places(describers: Mapping[str, Describer], route: Route, advice: str) -> None:
+    """Warns of every method, by label, that was trained on or chosen by some of the places; `advice` is the remedy."""
+    from everplace.experiments.evaluation import seen_places, seen_sentence
+
+    for label, describer in describers.items():
+        if seen := seen_places(describer, route):
+            warn(f"{seen_sentence(label, seen)} {advice}")
+
+
+def warn_of_retrieval(result: Retrieval, method: str, advice: str) -> None:
+    """Warns of scores that say little: of places that the method had seen, and of a traverse that finds itself."""
+    warn_of_seen_places({method: result.describer}, result.pair.route, advice)
+    if result.pair.warning:
+        warn(result.pair.warning)
 
 
 def require_directory(out: Path, option: str = "--out") -> None:
@@ -126,6 +148,16 @@ def require_no_frame(out: Path, route: Path, option: str = "--out") -> None:
         )
 
 
+def require_picture(out: Path, route: Path, option: str = "--out") -> None:
+    """Refuses an output file (`option`) that is no picture, or lies where it would count as a frame of a route.
+
+    Raises:
+        ConfigError: As for `require_file` and `require_no_frame`.
+    """
+    require_file(out, (".png", ".svg", ".pdf"), option)
+    require_no_frame(out, route, option)
+
+
 def require_other(out: Path, given: Path, option: str = "--out") -> None:
     """Refuses an output file (`option`) that is a file which is read.
 
@@ -148,16 +180,6 @@ def _directories(route: Path) -> list[Path]:
         return []
 
 
-def require_one_length(epochs: int | None, minutes: float | None) -> None:
-    """Refuses both options that say how long to train.
-
-    Raises:
-        ConfigError: Both are given.
-    """
-    if epochs is not None and minutes is not None:
-        raise ConfigError("--epochs and --minutes exclude each other; give one of them")
-
-
 @contextlib.contextmanager
 def named_settings(options: Collection[str], config: Path | None = None) -> Iterator[None]:
     """Says of a setting that is wrong which option gives it, or else which file.
@@ -177,17 +199,6 @@ def named_settings(options: Collection[str], config: Path | None = None) -> Iter
         if config is not None:
             raise ConfigError(f"--config {readable(config)}: {error}") from None
         raise
-
-
-def one_of(value: str | None, option: str, allowed: tuple[str, ...]) -> Any:
-    """Returns the value if it is allowed (None always is).
-
-    Raises:
-        ConfigError: It is not.
-    """
-    if value is not None and value not in allowed:
-        raise ConfigError(f"{option} {value!r} is not known; choose {' or '.join(allowed)}")
-    return value
 
 
 def _flat(result: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -4,28 +4,16 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated
 
 import typer
 
-from everplace.cli.options import (
-    DropDark,
-    DropStationary,
-    Epochs,
-    Frames,
-    Grey,
-    ImageSize,
-    Json,
-    Minutes,
-    OutDirectory,
-    RouteArgument,
-    Seed,
-)  # fmt: skip
+from everplace.cli import options
+from everplace.cli.option_groups import RouteOptions, TrainingOptions, grouped
+from everplace.cli.options import only_given
 from everplace.cli.output import (
     named_settings,
-    one_of,
     require_directory,
-    require_one_length,
     require_outside,
     show_progress,
     show_result,
@@ -33,12 +21,7 @@ from everplace.cli.output import (
 from everplace.errors import ConfigError
 from everplace.files import readable
 
-__all__ = ["register", "train"]
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command("train")(train)
+__all__ = ["train"]
 
 
 def _show_settings(model: str) -> None:
@@ -46,31 +29,26 @@ def _show_settings(model: str) -> None:
     if model:
         from everplace.training.fitted_methods import FITTED_METHODS, settings_toml
 
-        one_of(model, "--settings", (*FITTED_METHODS, "best"))
+        known = (*FITTED_METHODS, "best")
+        if model not in known:
+            raise ConfigError(f"--settings {model!r} is not known; choose {' or '.join(known)}")
         print(settings_toml(model))
         raise typer.Exit
 
 
+@grouped
 def train(
-    route: RouteArgument,
+    route: options.RouteArgument,
+    *,
     model: Annotated[str, typer.Option("--model", metavar="vae|c-vae|cp-vae|cae|fabmap", help="Which method to fit.")],
-    out: OutDirectory,
-    conditions: Annotated[
-        str, typer.Option("--conditions", metavar="A,B", help="Traverses or conditions to train on [all].")
-    ] = "",
-    frames: Frames = "",
-    image_size: ImageSize = None,
-    grey: Grey = False,
-    drop_dark: DropDark = False,
-    drop_stationary: DropStationary = False,
-    epochs: Epochs = None,
-    minutes: Minutes = None,
-    seed: Seed = None,
+    out: options.OutDirectory,
+    places: RouteOptions,
+    training: TrainingOptions,
     recipe: Annotated[
         str, typer.Option("--recipe", help="faithful: the paper's bound alone; best: CP-VAE with remedies.")
     ] = "",
     config: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--config", metavar="FILE.toml", help="Settings; options given beside it count more."),
     ] = None,
     settings: Annotated[  # noqa: ARG001
@@ -89,7 +67,7 @@ def train(
     save_every: Annotated[
         float, typer.Option("--save-every", metavar="SECONDS", min=0, help="Time between states to resume from.")
     ] = 60.0,
-    as_json: Json = False,
+    as_json: options.Json = False,
 ) -> None:
     """Fit a method on a route; RUN gets the checkpoint, config.toml and (of a network) metrics.csv.
 
@@ -98,29 +76,17 @@ def train(
     from everplace.settings import read_toml
     from everplace.training.fitted_methods import FITTED_METHODS, build_config, fit_method
 
-    one_of(model, "--model", FITTED_METHODS)
-    require_one_length(epochs, minutes)
-    given: dict[str, Any] = {
-        "conditions": tuple(name for name in conditions.split(",") if name) or None,
-        "frames": frames or None,
-        "image_size": image_size,
-        "grey": grey or None,
-        "drop_dark": drop_dark or None,
-        "drop_stationary": drop_stationary or None,
-        "epochs": epochs,
-        "minutes": minutes,
-        "seed": seed,
-        "recipe": recipe or None,
-    }
-    options = {"model": model} | {key: value for key, value in given.items() if value is not None}
-    values = (read_toml(config, f"--config {readable(config)}") if config is not None else {}) | options
-    if epochs is not None and minutes is None:
-        values.pop("minutes", None)
-    if minutes is not None and epochs is None:
-        values.pop("epochs", None)
+    if model not in FITTED_METHODS:
+        raise ConfigError(f"--model {model!r} is not known; choose {' or '.join(FITTED_METHODS)}")
+    given = only_given(model=model, recipe=recipe, **{**asdict(places), "conditions": places.names})
+    given |= training.given()
+    values = (read_toml(config, f"--config {readable(config)}") if config is not None else {}) | given
+    for length, other in (("epochs", "minutes"), ("minutes", "epochs")):
+        if length in given:
+            values.pop(other, None)
     if config is not None and values.keys() >= {"epochs", "minutes"}:
         raise ConfigError(f"--config {readable(config)} gives both epochs and minutes; keep one of them")
-    with named_settings(options, config):
+    with named_settings(given, config):
         checked = build_config(**values)
 
     from everplace.route.route import open_route

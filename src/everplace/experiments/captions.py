@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from everplace.describe.files.descriptors import Metric
-from everplace.scoring.retrieval import Matching, Truth
+from everplace.match.matching import Matching
+from everplace.scoring.retrieval import Truth
 
 __all__ = [
     "match_caption",

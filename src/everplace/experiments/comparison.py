@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import permutations
 from pathlib import Path
@@ -16,17 +14,18 @@ from everplace.describe.costs import peak_memory, time_describer
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Descriptors
 from everplace.errors import ConfigError, MethodError
+from everplace.experiments.comparison_methods import Methods
 from everplace.experiments.comparison_parts import PARTS, MethodResult, PairResult, Part
 from everplace.experiments.evaluation import audit_pair, seen_places, seen_sentence
-from everplace.experiments.fitting import Methods
 from everplace.experiments.manifest import MANIFEST, Study, require_same_study
-from everplace.experiments.recipe_names import ingredient_metrics, named_ingredients
+from everplace.experiments.recipe_names import named_recipe, recipe_metrics
 from everplace.files import remove_leftovers, write_json
 from everplace.locking import locked
+from everplace.match.matching import Matching
 from everplace.match.standardise import standardisable
 from everplace.progress import Progress, quiet
 from everplace.route.route import Route
-from everplace.scoring.retrieval import Matching, Pair, Retrieval, Truth, pair_of, retrieve, true_matches
+from everplace.scoring.retrieval import Pair, Retrieval, pair_of, retrieve_pair
 
 __all__ = ["COSTS", "SCORES", "Cell", "Comparison", "compare_methods"]
 
@@ -35,16 +34,6 @@ SCORES = ("recall@1", "recall@5", "recall@10", "auc_pr", "AP", "R@100%P", "EP")
 
 COSTS = ("dimension", "bytes", "ms/image", "peak MB")
 """The further columns."""
-
-_READ: dict[str, Callable[[PairResult], float]] = {
-    "recall@1": lambda one: one.scores.recall_at["1"],
-    "recall@5": lambda one: one.scores.recall_at["5"],
-    "recall@10": lambda one: one.scores.recall_at["10"],
-    "auc_pr": operator.attrgetter("scores.auc_pr"),
-    "AP": operator.attrgetter("scores.average_precision"),
-    "R@100%P": operator.attrgetter("scores.recall_at_100_precision"),
-    "EP": operator.attrgetter("scores.extended_precision"),
-}
 
 Cell: TypeAlias = str | float | int | None
 
@@ -80,16 +69,6 @@ class Comparison:
         return min(map(len, self.route.traverses))
 
     @property
-    def truth(self) -> Truth:
-        """When a match is right."""
-        return self.study.truth
-
-    @property
-    def matching(self) -> Matching:
-        """Options of the match."""
-        return self.study.matching
-
-    @property
     def results(self) -> dict[tuple[str, str], dict[str, PairResult]]:
         """By (query, database) traverse name, then by the label of the method."""
         names = [traverse.name for traverse in self.route.traverses]
@@ -100,8 +79,8 @@ class Comparison:
     @property
     def remarks(self) -> list[str]:
         """What must stand at every table: the remedies of each run, and how many tested places it had seen."""
-        named = {label: named_ingredients(one.settings()) for label, one in self.describers.items()}
-        told = [f"{label}: {ingredients}" for label, ingredients in named.items() if ingredients is not None]
+        named = {label: named_recipe(one.settings()) for label, one in self.describers.items()}
+        told = [f"{label}: {recipe}" for label, recipe in named.items() if recipe is not None]
         seen = [seen_sentence(label, count) for label, count in self.trained_places.items() if count]
         return told + seen
 
@@ -126,10 +105,8 @@ class Comparison:
             "route": self.route.name,
             "protocol": self.route.protocol,
             "places": self.places,
-            "tolerance": self.truth.tolerance,
-            "radius": self.truth.radius,
-            "truth": self.truth.pairs,
-            **self.matching.metrics(),
+            **self.study.truth.metrics(),
+            **self.study.matching.metrics(),
             "pairs": [
                 {
                     "query": query,
@@ -147,7 +124,7 @@ class Comparison:
             ],
             "methods": {
                 label: {
-                    **ingredient_metrics(self.describers[label].settings()),
+                    **recipe_metrics(self.describers[label].settings()),
                     "trained_places_tested": count,
                 }
                 for label, count in self.trained_places.items()
@@ -159,29 +136,27 @@ class Comparison:
 
     def mean(self, score: str, label: str) -> float:
         """Mean of one of a method's `SCORES` over the pairs."""
-        return float(np.mean([_READ[score](one) for one in self.methods[label].pairs.values()]))
+        return float(np.mean([one.scores.columns()[score] for one in self.methods[label].pairs.values()]))
 
     def table(self, pair: tuple[str, str] | None = None) -> tuple[list[str], list[list[Cell]]]:
         """Header and rows of one pair's scores, or of their means over all pairs."""
         rows: list[list[Cell]] = []
         for label, method in self.methods.items():
-            scores = [self.mean(name, label) if pair is None else _READ[name](method.pairs[pair]) for name in SCORES]
+            of_pair = {} if pair is None else method.pairs[pair].scores.columns()
+            scores = [self.mean(name, label) if pair is None else of_pair[name] for name in SCORES]
             *costs, peak = method.costs().values()
             rows.append([label, *scores, *costs, None if peak is None else round(peak)])
         return ["method", *SCORES, *COSTS], rows
 
     def retrieval(self, pair: Pair, label: str) -> Retrieval:
         """One method's retrieval with its similarity matrix, which is not kept, from the descriptors that are."""
-        matches, _ = true_matches(self.route, pair, self.truth)
         described = {
             traverse.name: self.parts[label].described(self.describers[label], number, traverse)
             for number, traverse in enumerate(self.route.traverses)
             if traverse.name in (pair.query.name, pair.database.name)
         }
-        return retrieve(
-            self.describers[label], pair, matches, self.matching, described=described,
-            ms_per_image=self.methods[label].ms_per_image,
-        )  # fmt: skip
+        study = self.study
+        return retrieve_pair(pair, self.describers[label], study.truth, study.matching, described=described)
 
 
 def compare_methods(
@@ -241,8 +216,7 @@ def _run(study: Study, describer: Describer, source: str | None, part: Part, pro
     pairs: dict[tuple[str, str], PairResult] = {}
     for query, database in permutations(route.traverses, 2):
         pair = pair_of(route, query.name, database.name)
-        matches, _ = true_matches(route, pair, study.truth)
-        one = retrieve(describer, pair, matches, study.matching, described=described, ms_per_image=ms_per_image)
+        one = retrieve_pair(pair, describer, study.truth, study.matching, described=described)
         pairs[query.name, database.name] = PairResult(one.scores, one.curve, one.new_place)
     audited = audit_pair(describer, route, study.truth, progress)
     return MethodResult(pairs, describer.dimension, ms_per_image, peak, unmeasured, audited)

@@ -9,24 +9,22 @@ from matplotlib.figure import Figure
 
 from everplace.experiments.captions import (
     match_caption,
-    match_note,
     matching_words,
     matrix_caption,
     pair_words,
     right_words,
-    score_words,
 )
 from everplace.experiments.comparison import COSTS, SCORES, Cell, Comparison
 from everplace.experiments.comparison_parts import PairResult, keep_pictures
 from everplace.experiments.latent_report import audit_section, latent_section
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.recipe_names import named_method
-from everplace.experiments.retrieval_pictures import match_figure, matrix_figure
+from everplace.experiments.retrieval_pictures import match_figure, matrix_figure, score_of, title_of
 from everplace.files import json_text, write_json, write_text
 from everplace.locking import locked
 from everplace.plots.canvas import new_figure, save_figure
-from everplace.plots.curves import draw_precision_recall_panels
-from everplace.plots.interactive import precision_recall_figure
+from everplace.plots.interactive_curves import precision_recall_figure
+from everplace.plots.precision_recall import draw_precision_recall_panels
 from everplace.report.html import Report, Section
 from everplace.scoring.retrieval import pair_of
 
@@ -52,7 +50,7 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
         StorageError: Writing failed.
     """
     route = comparison.route
-    right, matching = right_words(comparison.truth), matching_words(comparison.matching)
+    right, matching = right_words(comparison.study.truth), matching_words(comparison.study.matching)
     subtitle = f"{route.title}: {comparison.places} places, {right}, {matching}"
     names = _names(comparison)
     report = Report(title, subtitle=subtitle, details=details)
@@ -135,19 +133,18 @@ def _pair_section(
     _say_remarks(section, comparison)
     many = len(comparison.results) > _FEW_PAIRS
     for label in _shown(comparison, areas)[-1 if many else 0 :]:
-        retrieval, truth = comparison.retrieval(pair, label), comparison.truth
-        title = f"{shown[label]}: {pair_words(query, database)}"
-        score = score_words(comparison.describers[label].metric, comparison.matching)
+        result = comparison.retrieval(pair, label)
+        title, score = title_of(result, shown[label]), score_of(result)
         section.figure(
-            matrix_figure(pair, retrieval, title=title, note=f"right: {right_words(truth)}", score=score),
+            matrix_figure(result, shown[label]),
             alt=f"Similarity matrix of {title}.",
-            caption=matrix_caption(query, database, truth, score),
+            caption=matrix_caption(query, database, result.rule, score),
             dpi=96 if many else 192,
         )
         section.figure(
-            match_figure(pair, retrieval, title=title, note=match_note(truth, score), count=4 if many else 8),
+            match_figure(result, shown[label], count=4 if many else 8),
             alt=f"Matches of {title}.",
-            caption=match_caption(truth, score),
+            caption=match_caption(result.rule, score),
             dpi=96 if many else 192,
         )
 
@@ -168,7 +165,7 @@ def _shown(comparison: Comparison, areas: Mapping[str, float]) -> list[str]:
 
 
 def _markdown(comparison: Comparison) -> str:
-    right, matching = right_words(comparison.truth), matching_words(comparison.matching)
+    right, matching = right_words(comparison.study.truth), matching_words(comparison.study.matching)
     lines = [f"{comparison.route.title}: {right}, {matching}", ""]
     if len(comparison.results) > 2:
         lines += ["**Mean over all ordered pairs**", "", *_markdown_table(*comparison.table()), ""]

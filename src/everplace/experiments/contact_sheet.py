@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from everplace.errors import ImageError
 from everplace.images.decoding import ImageSpec, decode_image, resize_image
 from everplace.plots.canvas import Image, new_figure
-from everplace.plots.grid import draw_image_grid
+from everplace.plots.image_grids import draw_image_grid
 from everplace.route.route import Route
 from everplace.route.selection import spread
 

@@ -2,42 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from everplace.audit.leakage import Audit, audit
+from everplace.describe.costs import time_describer
 from everplace.describe.describer import Describer
-from everplace.describe.registry import open_describer
 from everplace.experiments.captions import (
     match_caption,
-    match_note,
     matching_words,
     matrix_caption,
     pair_words,
     right_words,
-    score_words,
 )
 from everplace.experiments.latent_report import LATENT_PICTURES, audit_section, latent_section
 from everplace.experiments.manifest import DEFINITIONS
-from everplace.experiments.recipe_names import ingredient_metrics, named_ingredients, named_method
-from everplace.experiments.retrieval_pictures import match_figure, matrix_figure
+from everplace.experiments.recipe_names import named_method, named_recipe, recipe_metrics
+from everplace.experiments.retrieval_pictures import match_figure, matrix_figure, score_of, title_of
 from everplace.files import remove_file, write_json
-from everplace.match.standardise import require_standardisable
 from everplace.plots.canvas import save_figure
-from everplace.plots.interactive import precision_recall_figure
+from everplace.plots.interactive_curves import precision_recall_figure
 from everplace.progress import Progress, quiet
-from everplace.report.blocks import Value
 from everplace.report.html import Report
+from everplace.report.table_cells import Value
 from everplace.route.pack import pack
 from everplace.route.route import Route
-from everplace.route.selection import Selection
-from everplace.scoring.retrieval import Matching, Pair, Retrieval, Truth, choose_pair, retrieve, true_matches
+from everplace.scoring.retrieval import Retrieval, Truth
 
 __all__ = [
     "Evaluation",
     "audit_pair",
-    "evaluate_method",
+    "evaluate_retrieval",
     "score_facts",
     "seen_places",
     "seen_sentence",
@@ -46,7 +43,6 @@ __all__ = [
 
 
 _METRICS = "metrics.json"
-_AT_100 = "recall at 100 % precision"
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,80 +50,65 @@ class Evaluation:
     """One method on one pair.
 
     Attributes:
-        route: The two traverses.
-        pair: The same as query and database.
-        truth: When a match is right.
-        matching: Options of the match.
         result: Scores, curve and similarity.
         audit: The leakage audit; None unless the method is of the VAE family and the traverses are aligned.
-        describer: The method.
+        ms_per_image: Description alone, see `everplace.describe.pipeline.time_describer`.
         trained_places: Tested stems that the model was trained on or chosen by.
         source: The method as it was given, such as the path of a run.
     """
 
-    route: Route
-    pair: Pair
-    truth: Truth
-    matching: Matching
     result: Retrieval
     audit: Audit | None
-    describer: Describer
-    trained_places: int = 0
-    source: str = ""
+    ms_per_image: float
+    trained_places: int
+    source: str
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Those of the method."""
+        return self.result.describer.settings()
 
     def metrics(self) -> dict[str, Any]:
         """The content of metrics.json."""
-        scores = self.result.scores.to_dict()
+        result = self.result
         return {
-            "method": self.result.method,
-            **ingredient_metrics(self.describer.settings()),
-            "query_traverse": self.pair.query.name,
-            "database_traverse": self.pair.database.name,
-            "query_condition": self.pair.query.condition,
-            "database_condition": self.pair.database.condition,
-            "protocol": self.route.protocol,
-            **scores,
-            "tolerance": self.truth.tolerance,
-            "radius": self.truth.radius,
-            "truth": self.truth.pairs,
-            **self.matching.metrics(),
-            "dimension": self.result.dimension,
-            "ms_per_image": round(self.result.ms_per_image, 4),
+            "method": result.describer.method,
+            **recipe_metrics(self.settings),
+            "query_traverse": result.query.name,
+            "database_traverse": result.database.name,
+            "query_condition": result.query.condition,
+            "database_condition": result.database.condition,
+            "protocol": result.pair.route.protocol,
+            **result.scores.to_dict(),
+            **result.rule.metrics(),
+            **result.matching.metrics(),
+            "dimension": result.describer.dimension,
+            "ms_per_image": round(self.ms_per_image, 4),
             "trained_places_tested": self.trained_places,
-            **({"new_place": self.result.new_place} if self.result.new_place is not None else {}),
+            **({"new_place": result.new_place} if result.new_place is not None else {}),
             **({"audit": self.audit.to_dict()} if self.audit is not None else {}),
         }
 
 
-def evaluate_method(
-    route: Route,
-    method: str,
-    *,
-    query: str,
-    database: str,
-    selection: Selection,
-    truth: Truth,
-    matching: Matching,
-    progress: Progress = quiet,
-) -> Evaluation:
-    """Evaluates a method between two conditions.
+def evaluate_retrieval(result: Retrieval, source: str, progress: Progress = quiet) -> Evaluation:
+    """Adds to the scores what a report says of the method: its speed, its audit, what it had seen.
+
+    Args:
+        result: See `everplace.scoring.retrieval.retrieve`.
+        source: The method as it was given, such as the path of a run.
+        progress: Told of the decoding that the audit needs.
 
     Raises:
-        RouteError: A condition does not exist, or nothing is left of the route.
-        MethodError: The method does not exist or cannot run here.
-        CheckpointError: The run directory is damaged.
-        ConfigError: The method's descriptors cannot be standardised.
         ImageError: A frame cannot be decoded.
     """
-    describer = open_describer(method, progress=progress)
-    if matching.standardise is not None:
-        require_standardisable(describer.method, describer.metric)
-    chosen, pair = choose_pair(route, query, database, selection, progress)
-    matches, truth = true_matches(chosen, pair, truth)
-    result = retrieve(describer, pair, matches, matching, progress=progress)
-    audited = audit_pair(describer, chosen, truth, progress)
-    seen = seen_places(describer, chosen)
-    return Evaluation(chosen, pair, truth, matching, result, audited, describer, seen, method)
+    describer, route = result.describer, result.pair.route
+    return Evaluation(
+        result=result,
+        audit=audit_pair(describer, route, result.rule, progress),
+        ms_per_image=time_describer(describer, result.query.paths),
+        trained_places=seen_places(describer, route),
+        source=source,
+    )
 
 
 def seen_places(describer: Describer, route: Route) -> int:
@@ -166,25 +147,22 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
     Raises:
         StorageError: Writing failed.
     """
-    pair, result = evaluation.pair, evaluation.result
-    asked = pair_words(pair.query.name, pair.database.name)
-    label = named_method(result.method, evaluation.describer.settings())
-    score = score_words(evaluation.describer.metric, evaluation.matching)
-    note = match_note(evaluation.truth, score)
-    title = f"{label}: {asked}"
-    matrix = matrix_figure(pair, result, title=title, note=f"right: {right_words(evaluation.truth)}", score=score)
-    gallery = match_figure(pair, result, title=title, note=note)
+    result = evaluation.result
+    describer, route, rule = result.describer, result.pair.route, result.rule
+    asked = pair_words(result.query.name, result.database.name)
+    label, score = named_method(describer.method, evaluation.settings), score_of(result)
+    title = title_of(result, label)
+    matrix, gallery = matrix_figure(result, label), match_figure(result, label)
     save_figure(matrix, out / "similarity.png")
     save_figure(gallery, out / "matches.png")
-    subtitle = f"{evaluation.route.title}: {right_words(evaluation.truth)}, {matching_words(evaluation.matching)}"
+    subtitle = f"{route.title}: {right_words(rule)}, {matching_words(result.matching)}"
     report = Report(title, subtitle=subtitle, details={"method": evaluation.source, **details})
     section = report.section("Scores")
-    named = named_ingredients(evaluation.describer.settings())
-    if named is not None:
-        section.paragraph(f"This run is not the paper's model alone: {named}.")
+    if (recipe := named_recipe(evaluation.settings)) is not None:
+        section.paragraph(f"This run is not the paper's model alone: {recipe}.")
     if evaluation.trained_places:
-        section.paragraph(seen_sentence(result.method, evaluation.trained_places))
-    section.facts(score_facts(result))
+        section.paragraph(seen_sentence(describer.method, evaluation.trained_places))
+    section.facts(score_facts(evaluation))
     section.chart(
         precision_recall_figure({label: result.curve}, areas={label: result.scores.auc_pr}),
         alt=f"Precision-recall curve of {label}, {asked}: area {result.scores.auc_pr:.3f}.",
@@ -194,22 +172,20 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
     report.section("Similarity matrix").figure(
         matrix,
         alt=f"Similarity of every query to every database frame: {title}.",
-        caption=matrix_caption(pair.query.name, pair.database.name, evaluation.truth, score),
+        caption=matrix_caption(result.query.name, result.database.name, rule, score),
     )
     report.section("Matches").figure(
         gallery,
         alt=f"Queries, the proposed frames and the true ones: {title}.",
-        caption=match_caption(evaluation.truth, score),
+        caption=match_caption(rule, score),
     )
     if evaluation.audit is not None:
         audit_section(report.section("Leakage audit"), {label: evaluation.audit})
     pictures: list[str] = []
-    model = evaluation.describer.latent_model
-    if model is not None and evaluation.route.aligned:
-        section = report.section("What the latent holds")
-        pictures = latent_section(section, model, evaluation.route, out, label)
-    section = report.section("How it was measured")
-    section.table(["what", "definition"], _how(evaluation))
+    model = describer.latent_model
+    if model is not None and route.aligned:
+        pictures = latent_section(report.section("What the latent holds"), model, route, out, label)
+    report.section("How it was measured").table(["what", "definition"], _how(evaluation))
     if (out / _METRICS).is_file():  # of an earlier evaluation, perhaps of another method
         for name in set(LATENT_PICTURES) - set(pictures):
             remove_file(out / name)
@@ -219,51 +195,43 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
 
 def _how(evaluation: Evaluation) -> list[list[Value]]:
     """What was evaluated, and a definition of each number of `score_facts`."""
-    pair, settings = evaluation.pair, evaluation.describer.settings()
-    named = named_ingredients(settings)
-    method = f"{evaluation.source} ({evaluation.result.method}{f', {named}' if named else ''})"
-    asked = (
-        f"Each of the {len(pair.query):,} frames of the query {pair.query.name} asks the whole database "
-        f"{pair.database.name}, {len(pair.database):,} frames."
-    )
+    result, source = evaluation.result, evaluation.source
+    method, recipe = result.describer.method, named_recipe(evaluation.settings)
     told = {
-        "method": method if evaluation.source != evaluation.result.method else evaluation.source,
-        "query and database": asked,
-        "right": f"A proposed frame counts as right {right_words(evaluation.truth)}.",
-        "match": f"{matching_words(evaluation.matching)}; score: "
-        f"{score_words(evaluation.describer.metric, evaluation.matching)}",
-        # A definition may name another score as the tables of a comparison do.
-        **{name: DEFINITIONS[known].replace("R@100%P", _AT_100) for name, known in _DEFINED.items()},
+        "method": source if source == method else f"{source} ({method}{f', {recipe}' if recipe else ''})",
+        "query and database": f"Each of the {len(result.query):,} frames of the query {result.query.name} asks the "
+        f"whole database {result.database.name}, {len(result.database):,} frames.",
+        "right": f"A proposed frame counts as right {right_words(result.rule)}.",
+        "match": f"{matching_words(result.matching)}; score: {score_of(result)}",
+        "curve": DEFINITIONS["curve"],
+        "recall@N": DEFINITIONS["recall@N"],
+        **{_long(name): _long(DEFINITIONS[name]) for name in _DEFINED},
     }
     return [[name, text] for name, text in told.items()]
 
 
-_DEFINED = {
-    "curve": "curve",
-    "recall@N": "recall@N",
-    "auc_pr": "auc_pr",
-    "average precision": "AP",
-    _AT_100: "R@100%P",
-    "extended precision": "EP",
-    "dimension": "dimension",
-    "ms per image": "ms/image",
+_DEFINED = ("auc_pr", "AP", "R@100%P", "EP", "dimension", "ms/image")
+_LONG = {
+    "AP": "average precision",
+    "R@100%P": "recall at 100 % precision",
+    "EP": "extended precision",
+    "ms/image": "ms per image",
 }
-"""The names of `score_facts`, and those of the definitions."""
+"""What is short in the tables of a comparison has room in the report of one method."""
 
 
-def score_facts(result: Retrieval) -> dict[str, float | int]:
-    """The headline numbers of a retrieval."""
-    scores = result.scores
+def _long(text: str) -> str:
+    """A name of a score, or a definition that names another one."""
+    return _LONG.get(text, text.replace("R@100%P", _LONG["R@100%P"]))
+
+
+def score_facts(evaluation: Evaluation) -> dict[str, float | int]:
+    """The headline numbers of an evaluation."""
+    scores = evaluation.result.scores
     return {
-        "recall@1": scores.recall_at["1"],
-        "recall@5": scores.recall_at["5"],
-        "recall@10": scores.recall_at["10"],
-        "auc_pr": scores.auc_pr,
-        "average precision": scores.average_precision,
-        _AT_100: scores.recall_at_100_precision,
-        "extended precision": scores.extended_precision,
+        **{_long(name): score for name, score in scores.columns().items()},
         "queries": scores.queries,
         "database": scores.database,
-        "dimension": result.dimension,
-        "ms per image": result.ms_per_image,
+        "dimension": evaluation.result.describer.dimension,
+        "ms per image": evaluation.ms_per_image,
     }

@@ -95,12 +95,9 @@ def latent_section(
         )
         return []
     route = route.at(route.shared_stems())
-    swap, constant, translation = (
-        swap_figure(model, route, label=label),
-        constant_figure(model, route, label=label),
-        translation_figure(model, route, label=label),
-    )
-    files = {f"{prefix}{name}": of for name, of in zip(LATENT_PICTURES, (swap, constant, translation), strict=True)}
+    figures = [draw(model, route, label=label) for draw in (swap_figure, constant_figure, translation_figure)]
+    swap, constant, translation = figures
+    files = {f"{prefix}{name}": figure for name, figure in zip(LATENT_PICTURES, figures, strict=True)}
     for file, figure in files.items():
         save_figure(figure, out / file)
     section.figure(

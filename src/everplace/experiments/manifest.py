@@ -21,10 +21,11 @@ import numpy as np
 
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
+from everplace.match.matching import Matching
 from everplace.progress import Progress, quiet
 from everplace.route.fingerprint import traverse_fingerprint
 from everplace.route.route import Route
-from everplace.scoring.retrieval import Matching, Truth, pair_of, true_matches
+from everplace.scoring.retrieval import Truth, pair_of, true_matches
 
 __all__ = ["DEFINITIONS", "MANIFEST", "Study", "open_study", "require_same_study"]
 
@@ -105,7 +106,7 @@ def open_study(
     pairs = [pair_of(route, query.name, database.name) for query, database in permutations(route.traverses, 2)]
     resolved = truth
     for pair in pairs:
-        matches, resolved = true_matches(route, pair, truth)
+        matches, resolved = true_matches(pair, truth)
         digest.update(np.packbits(matches).tobytes())
     document = {  # in this order a directory that holds another study names what differs
         "format": _FORMAT,

@@ -9,11 +9,12 @@ from typing import Any
 from everplace.describe.describer import Describer
 from everplace.describe.registry import open_describer
 from everplace.experiments.comparison import compare_methods
+from everplace.experiments.comparison_methods import Methods, fit, run_of
 from everplace.experiments.comparison_report import write_comparison
-from everplace.experiments.fitting import Methods, fit, run_of
 from everplace.experiments.manifest import open_study
 from everplace.experiments.recipe_names import named_method
 from everplace.images.decoding import usable_cores
+from everplace.match.matching import Matching
 from everplace.model.checkpoint import load_checkpoint
 from everplace.plots.canvas import new_figure
 from everplace.plots.training_curves import TRAINING_CAPTION, draw_training
@@ -22,7 +23,7 @@ from everplace.render.render_config import render_config
 from everplace.render.rendered_route import render_route
 from everplace.route.route import open_route
 from everplace.route.selection import Selection, parse_frames, select
-from everplace.scoring.retrieval import Matching, Truth
+from everplace.scoring.retrieval import Truth
 from everplace.training.fitted_methods import build_config
 from everplace.training.metrics_table import read_metrics
 

@@ -6,28 +6,27 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from everplace.experiments.captions import match_note, pair_words, right_words, score_words
 from everplace.images.decoding import ImageSpec, decode_image
 from everplace.plots.canvas import new_axes, new_figure
-from everplace.plots.gallery import Match, draw_matches
-from everplace.plots.matrix import draw_similarity
+from everplace.plots.match_gallery import Match, draw_matches
+from everplace.plots.similarity_matrix import draw_similarity
 from everplace.route.natural_order import natural_sorted
 from everplace.route.selection import spread
 from everplace.scoring.retrieval import Pair, Retrieval
 
-__all__ = ["match_figure", "matrix_figure"]
+__all__ = ["match_figure", "matrix_figure", "score_of", "title_of"]
 
 _PICTURE = ImageSpec()
 
 
-def match_figure(pair: Pair, result: Retrieval, *, count: int = 8, title: str = "", note: str = "") -> Figure:
+def match_figure(result: Retrieval, label: str, *, count: int = 8) -> Figure:
     """A gallery of right and wrong matches, half of each where there are enough, spread over the route.
 
     Args:
-        pair: The traverses.
-        result: Of this pair.
+        result: What was found.
+        label: What the title calls the method.
         count: Matches at most.
-        title: Written above.
-        note: Written below the title; see `everplace.experiments.captions.match_note`.
     """
     best = result.similarity.argmax(axis=1)
     right = result.truth[np.arange(len(best)), best]
@@ -35,34 +34,36 @@ def match_figure(pair: Pair, result: Retrieval, *, count: int = 8, title: str = 
     half = count // 2
     wanted = [max(half, count - len(groups[1])), max(half, count - len(groups[0]))]
     chosen = [group[spread(len(group), n)] for group, n in zip(groups, wanted, strict=True) if len(group)]
-    matches = [_match(pair, result, int(query), int(best[query])) for group in chosen for query in group]
+    matches = [_match(result, int(query), int(best[query])) for group in chosen for query in group]
     figure = new_figure(10)
-    draw_matches(figure, matches[:count], title=title, note=note)
+    draw_matches(figure, matches[:count], title=title_of(result, label), note=match_note(result.rule, score_of(result)))
     return figure
 
 
-def matrix_figure(
-    pair: Pair, result: Retrieval, *, title: str = "", note: str = "", score: str = "similarity"
-) -> Figure:
-    """The similarity matrix with the truth and the best matches.
-
-    Args:
-        pair: The traverses.
-        result: Of this pair.
-        title: Written above.
-        note: Written below the title.
-        score: What the numbers are; see `everplace.experiments.captions.score_words`.
-    """
+def matrix_figure(result: Retrieval, label: str) -> Figure:
+    """The similarity matrix with the truth and the best matches; `label` is what the title calls the method."""
     figure, axes = new_axes(6.4, 5.6)
+    query, database = result.query, result.database
     draw_similarity(
-        axes, result.similarity, result.truth, query=f"query {pair.query.name}",
-        database=f"database {pair.database.name}", query_names=pair.query.stems, database_names=pair.database.stems,
-        score=score, title=title, note=note,
+        axes, result.similarity, result.truth, query=f"query {query.name}", database=f"database {database.name}",
+        query_names=query.stems, database_names=database.stems, score=score_of(result), title=title_of(result, label),
+        note=f"right: {right_words(result.rule)}",
     )  # fmt: skip
     return figure
 
 
-def _match(pair: Pair, result: Retrieval, query: int, proposed: int) -> Match:
+def title_of(result: Retrieval, label: str) -> str:
+    """What was asked of the method that is called `label`."""
+    return f"{label}: {pair_words(result.query.name, result.database.name)}"
+
+
+def score_of(result: Retrieval) -> str:
+    """What the number of a match is."""
+    return score_words(result.describer.metric, result.matching)
+
+
+def _match(result: Retrieval, query: int, proposed: int) -> Match:
+    pair = result.pair
     true = _true_frame(pair, query, np.flatnonzero(result.truth[query]))
     return Match(
         query=decode_image(pair.query.paths[query], _PICTURE),

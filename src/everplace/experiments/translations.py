@@ -20,7 +20,7 @@ from everplace.model.inference import inference
 from everplace.model.model_config import LABELLED_KINDS
 from everplace.model.pixels import to_pixels
 from everplace.plots.canvas import new_figure
-from everplace.plots.grid import Translation, draw_constant_grid, draw_swap_grid, draw_translations
+from everplace.plots.image_grids import Translation, draw_constant_grid, draw_swap_grid, draw_translations
 from everplace.route.route import Route
 from everplace.route.selection import spread
 from everplace.route.traverse import Traverse
@@ -49,7 +49,7 @@ def load_divided(run: str) -> Checkpoint:
     return load_checkpoint(run)
 
 
-def swap_figure(model: ConditionVAE, route: Route, place: int | None = None, *, label: str = "") -> Figure:
+def swap_figure(model: ConditionVAE, route: Route, place: int | None = None, *, label: str) -> Figure:
     """Figures 6 and 7: {z_p of frame a, z_c of frame b}, for one place seen in all conditions.
 
     Args:
@@ -75,12 +75,12 @@ def swap_figure(model: ConditionVAE, route: Route, place: int | None = None, *, 
     figure = new_figure(max(_TITLED, 1.6 + 1.5 * len(labels)))
     draw_swap_grid(
         figure, rows, list(frames), list(frames), place_labels=labels, condition_labels=labels,
-        title=_titled(label, f"place {route.traverses[0].stems[position]} with z_p and z_c swapped"),
+        title=f"{label}: place {route.traverses[0].stems[position]} with z_p and z_c swapped",
     )  # fmt: skip
     return figure
 
 
-def constant_figure(model: ConditionVAE, route: Route, *, count: int = 4, label: str = "") -> Figure:
+def constant_figure(model: ConditionVAE, route: Route, *, count: int = 4, label: str) -> Figure:
     """Figures 8 and 9: condition-invariant images, {z_p of each frame, one constant z_c}.
 
     The constant is the mean z_c of the first traverse's frames.
@@ -105,13 +105,13 @@ def constant_figure(model: ConditionVAE, route: Route, *, count: int = 4, label:
     figure = new_figure(10)
     draw_constant_grid(
         figure, list(flat), list(decoded), labels=labels, columns=len(positions),
-        title=_titled(label, f"z_p of each, mean z_c of {route.traverses[0].name}"),
+        title=f"{label}: z_p of each, mean z_c of {route.traverses[0].name}",
     )  # fmt: skip
     return figure
 
 
 def translation_figure(
-    model: ConditionVAE, route: Route, *, count: int = 3, source: str | None = None, label: str = ""
+    model: ConditionVAE, route: Route, *, count: int = 3, source: str | None = None, label: str
 ) -> Figure:
     """One frame in every condition, {z_p of the frame, mean z_c of the condition}, above the true frames of these.
 
@@ -146,13 +146,9 @@ def translation_figure(
     figure = new_figure(2.4 + 1.5 * len(conditions))
     draw_translations(
         figure, translations, conditions=conditions,
-        title=_titled(label, f"{shown.name} translated: z_p, mean z_c of each"),
+        title=f"{label}: {shown.name} translated: z_p, mean z_c of each",
     )  # fmt: skip
     return figure
-
-
-def _titled(label: str, title: str) -> str:
-    return f"{label}: {title}" if label else title
 
 
 def _places(route: Route) -> int:

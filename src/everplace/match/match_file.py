@@ -5,17 +5,16 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Literal, TextIO, TypeAlias
+from typing import TextIO, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from everplace.choices import MatchFormat
 from everplace.errors import ConfigError, DescriptorsError
 from everplace.files import readable, whole_file
 
-__all__ = ["MatchFormat", "write_matches"]
-
-MatchFormat: TypeAlias = Literal["csv", "hloc-pairs", "kapture"]
+__all__ = ["write_matches"]
 
 _Match: TypeAlias = tuple[str, str, str, int]  # query, database, score, rank
 

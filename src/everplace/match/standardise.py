@@ -7,16 +7,14 @@ Continuously Changing Environments", ICRA 2020.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal, TypeAlias
 
 import numpy as np
 
+from everplace.choices import Standardisation
 from everplace.describe.files.descriptors import Descriptors, Metric
 from everplace.errors import ConfigError
 
-__all__ = ["Standardisation", "require_standardisable", "standardisable", "standardise"]
-
-Standardisation: TypeAlias = Literal["centre", "full"]
+__all__ = ["require_standardisable", "standardisable", "standardise"]
 
 _ROWS = 1024  # descriptors handled at once in double precision
 

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from everplace.plots.matrix import draw_similarity
+from everplace.plots.similarity_matrix import draw_similarity
 from everplace.plots.style import WRONG, mark_legend, styled
 
 __all__ = ["draw_path"]
@@ -24,11 +24,11 @@ def draw_path(
     S: NDArray[Any],
     pairs: tuple[NDArray[np.int64], NDArray[np.int64]],
     unsure: NDArray[np.bool_],
-    strides: tuple[int, int] = (1, 1),
+    strides: tuple[int, int],
     *,
-    first: str = "first",
-    second: str = "second",
-    title: str = "",
+    first: str,
+    second: str,
+    title: str,
 ) -> None:
     """Draws the similarity of two drives and the path through it.
 
@@ -41,11 +41,8 @@ def draw_path(
         first: Name of the first drive, the rows.
         second: Name of the second drive, the columns.
         title: Written above.
-
-    Raises:
-        DescriptorsError: `S` is empty.
     """
-    draw_similarity(axes, S, best=False, query=first, database=second, title=title)
+    draw_similarity(axes, S, query=first, database=second, title=title)
     rows, columns = pairs[0] / strides[0], pairs[1] / strides[1]
     axes.plot(columns, rows, color=_PATH, linewidth=1.2, linestyle=":")
     marks = {"found path": Line2D([], [], color=_PATH, linewidth=1.4, linestyle=":")}

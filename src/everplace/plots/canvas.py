@@ -14,14 +14,13 @@ from matplotlib.image import AxesImage
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 
-from everplace.errors import ConfigError, ImageError
+from everplace.errors import ConfigError
 from everplace.files import readable, whole_file
 from everplace.plots.style import shortened, styled, write_plainly
 
 __all__ = [
     "Cell",
     "Image",
-    "displayable",
     "inch_axes",
     "new_axes",
     "new_figure",
@@ -32,8 +31,8 @@ __all__ = [
     "svg_bytes",
 ]
 
-Image: TypeAlias = NDArray[Any]
-"""H×W, H×W×1 or H×W×3 (RGB): uint8, or floating point between 0 and 1."""
+Image: TypeAlias = NDArray[np.uint8]
+"""H×W×1 or H×W×3 (RGB)."""
 
 
 class Cell(NamedTuple):
@@ -44,6 +43,9 @@ class Cell(NamedTuple):
     width: float
     height: float
 
+
+_DPI = 192.0
+"""Dots an inch: two pixels for each of a web page's."""
 
 # Nothing that changes from run to run is stored, so the same picture is the same file.
 _METADATA: dict[str, dict[str, Any]] = {
@@ -90,40 +92,16 @@ def inch_axes(figure: Figure, height: float) -> Axes:
     return axes
 
 
-def displayable(image: Image) -> NDArray[np.uint8]:
-    """Brings an image into the one form that is drawn.
-
-    Args:
-        image: H×W, H×W×1 or H×W×3; uint8 in [0, 255], or floating point in [0, 1] (clipped, NaN is black).
-
-    Returns:
-        H×W×3, uint8.
-
-    Raises:
-        ImageError: The array is no such image.
-    """
-    array = np.asarray(image)
-    if array.ndim == 2:
-        array = array[:, :, None]
-    if array.ndim != 3 or array.shape[2] not in (1, 3) or array.size == 0:
-        raise ImageError(f"cannot draw an array of shape {np.shape(image)}; give an image H×W, H×W×1 or H×W×3")
-    if np.issubdtype(array.dtype, np.floating):
-        array = np.rint(np.clip(np.nan_to_num(array, nan=0.0), 0.0, 1.0) * 255.0).astype(np.uint8)
-    elif array.dtype != np.uint8:
-        raise ImageError(f"cannot draw an image of type {array.dtype}; give uint8, or floats between 0 and 1")
-    return np.ascontiguousarray(np.broadcast_to(array, (*array.shape[:2], 3)))
-
-
 def place_image(axes: Axes, image: Image, cell: Cell) -> AxesImage:
     """Draws an image into a cell as large as it fits without distortion, centred.
 
     Args:
         axes: From `inch_axes`.
-        image: See `displayable`.
+        image: What to draw.
         cell: Where it goes.
     """
-    pixels = displayable(image)
-    rows, columns = pixels.shape[:2]
+    rows, columns = image.shape[:2]
+    pixels = np.broadcast_to(image, (rows, columns, 3))
     scale = min(cell.width / columns, cell.height / rows)
     left = cell.x + (cell.width - columns * scale) / 2
     top = cell.y + (cell.height - rows * scale) / 2
@@ -136,8 +114,8 @@ def place_text(axes: Axes, text: str, x: float, y: float, *, width: float, size:
 
 
 @styled()
-def png_bytes(figure: Figure, dpi: float = 192.0) -> bytes:
-    """Renders a figure as PNG; 192 dots an inch are two pixels for each of a web page's."""
+def png_bytes(figure: Figure, dpi: float = _DPI) -> bytes:
+    """Renders a figure as PNG."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi, metadata=_METADATA["png"])
     return buffer.getvalue()
@@ -152,13 +130,12 @@ def svg_bytes(figure: Figure) -> bytes:
 
 
 @styled()
-def save_figure(figure: Figure, path: Path, dpi: float = 192.0) -> None:
+def save_figure(figure: Figure, path: Path) -> None:
     """Writes a figure whole, in the format that the file's suffix names.
 
     Args:
         figure: What to write.
         path: Ends in `.png`, `.svg` or `.pdf`.
-        dpi: Pixels an inch, where the format has pixels.
 
     Raises:
         ConfigError: The suffix is another one.
@@ -168,4 +145,4 @@ def save_figure(figure: Figure, path: Path, dpi: float = 192.0) -> None:
     if kind not in _METADATA:
         raise ConfigError(f"cannot write a picture to {readable(path)}; choose a name that ends in .png, .svg or .pdf")
     with whole_file(path) as temporary:
-        figure.savefig(temporary, format=kind, dpi=dpi, metadata=_METADATA[kind])
+        figure.savefig(temporary, format=kind, dpi=_DPI, metadata=_METADATA[kind])

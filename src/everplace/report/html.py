@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import base64
 import re
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from everplace.errors import ConfigError
 from everplace.files import write_text
-from everplace.report import blocks
-from everplace.report.blocks import Best, Value, escaped
+from everplace.plots.canvas import png_bytes, svg_bytes
+from everplace.report.table_cells import Best, Value, formatted, table_cells
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -18,8 +22,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Report", "Section"]
 
-# The browser itself refuses whatever the page, or the plotly inside it, might ask of a network.
-_POLICY = "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+_TEMPLATES = Environment(
+    loader=PackageLoader("everplace.report"), autoescape=True, trim_blocks=True, undefined=StrictUndefined
+)
+
+_MOST_SVG = 150_000
+"""A larger drawing of lines is embedded as pixels: a file of many panels has to open quickly on a phone."""
 
 
 class Section:
@@ -28,29 +36,27 @@ class Section:
     Attributes:
         title: The heading.
         anchor: The `id` of the section, unique in its report.
+        blocks: What it holds, as HTML.
         has_charts: Whether it holds an interactive chart.
     """
 
     def __init__(self, title: str, anchor: str) -> None:
         self.title = title
         self.anchor = anchor
+        self.blocks: list[Markup] = []
         self.has_charts = False
-        self._blocks: list[str] = []
 
     def paragraph(self, text: str) -> Section:
         """Adds a paragraph of plain text."""
-        self._blocks.append(f"<p>{escaped(text)}</p>")
-        return self
+        return self._add("paragraph", text=text)
 
     def folded(self, title: str, text: str) -> Section:
         """Adds a long text, such as a configuration, of which only the title shows until it is opened."""
-        self._blocks.append(blocks.folded_block(title, text))
-        return self
+        return self._add("folded", title=title, text=text)
 
     def facts(self, facts: Mapping[str, Value], *, digits: int = 3) -> Section:
         """Adds headline numbers, each name above its value (floats with `digits` decimals)."""
-        self._blocks.append(blocks.facts_block(facts, digits))
-        return self
+        return self._add("facts", facts={name: formatted(value, digits) for name, value in facts.items()})
 
     def table(
         self,
@@ -74,8 +80,13 @@ class Section:
         Raises:
             ConfigError: A row has another length than the header, or `best` names no column.
         """
-        self._blocks.append(blocks.table_block(header, rows, caption=caption, best=best or {}, digits=digits))
-        return self
+        best = best or {}
+        if not set(best) <= set(header) or any(len(row) != len(header) for row in rows):
+            raise ConfigError(
+                f"cannot make the table {caption!r}; give rows of {len(header)} values and name columns as best"
+            )
+        heads, cells = table_cells(header, rows, best, digits)
+        return self._add("table", heads=heads, rows=cells, caption=caption)
 
     def figure(self, figure: Figure, *, alt: str, caption: str = "", dpi: float = 192.0) -> Section:
         """Adds a matplotlib figure, rendered now.
@@ -86,11 +97,16 @@ class Section:
             caption: Written below.
             dpi: Pixels an inch, two for each of the page's; small drawings of lines become SVG instead.
         """
-        self._blocks.append(blocks.figure_block(figure, alt=alt, caption=caption, dpi=dpi))
-        return self
+        width, height = (round(96 * inches) for inches in figure.get_size_inches())
+        data = b"" if any(axes.images for axes in figure.axes) else svg_bytes(figure)
+        kind = "image/svg+xml"
+        if not data or len(data) > _MOST_SVG:
+            kind, data = "image/png", png_bytes(figure, dpi)
+        source = f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
+        return self._add("figure", source=source, alt=alt, caption=caption, width=width, height=height)
 
     def chart(self, figure: go.Figure, *, alt: str, caption: str = "") -> Section:
-        """Adds an interactive plotly figure.
+        """Adds an interactive plotly figure: its data, beside the place where `charts.js` draws it.
 
         Args:
             figure: What to show.
@@ -98,14 +114,13 @@ class Section:
             caption: Written below.
         """
         self.has_charts = True
-        self._blocks.append(blocks.chart_block(figure, alt=alt, caption=caption))
-        return self
+        # In a script element only "<" could end the data or open a comment; in JSON it may be written so.
+        data = Markup(str(figure.to_json()).replace("<", "\\u003c"))
+        return self._add("chart", data=data, alt=alt, caption=caption, height=int(figure.layout.height or 450))
 
-    def html(self) -> str:
-        """Returns the section as HTML."""
-        heading = f'<h2 id="{self.anchor}-heading">{escaped(self.title)}</h2>'
-        inside = "\n".join([heading, *self._blocks])
-        return f'<section id="{self.anchor}" aria-labelledby="{self.anchor}-heading">\n{inside}\n</section>'
+    def _add(self, macro: str, **values: Any) -> Section:
+        self.blocks.append(getattr(_TEMPLATES.get_template("blocks.html").module, macro)(**values))
+        return self
 
 
 class Report:
@@ -146,18 +161,12 @@ class Report:
         return section
 
     def html(self) -> str:
-        """Returns the whole page."""
-        style = _asset("page.css")
-        scripts = _scripts() if any(section.has_charts for section in self.sections) else ""
-        sections = "\n".join(section.html() for section in self.sections)
-        return (
-            '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
-            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"<title>{escaped(self.title)}</title>\n<style>\n{style}</style>\n</head>\n<body>\n"
-            f'<div class="page">\n{self._header()}\n<div class="body">\n{self._contents()}\n'
-            f"<main>\n{sections}\n</main>\n</div>\n</div>\n{scripts}</body>\n</html>\n"
+        """Returns the whole page; bytes of a file name that are no UTF-8 stay readable."""
+        plotly = _plotly_script() if any(section.has_charts for section in self.sections) else ""
+        page = _TEMPLATES.get_template("page.html").render(
+            title=self.title, subtitle=self.subtitle, details=self.details, sections=self.sections, plotly=plotly
         )
+        return page.encode("utf-8", "backslashreplace").decode("utf-8")
 
     def write(self, path: Path) -> None:
         """Writes the page whole.
@@ -170,29 +179,8 @@ class Report:
         """
         write_text(path, self.html())
 
-    def _header(self) -> str:
-        subtitle = f'<p class="subtitle">{escaped(self.subtitle)}</p>' if self.subtitle else ""
-        items = "".join(f"<dt>{escaped(name)}</dt><dd>{escaped(text)}</dd>" for name, text in self.details.items())
-        details = f'<dl class="details">{items}</dl>' if items else ""
-        return f"<header>\n<h1>{escaped(self.title)}</h1>\n{subtitle}\n{details}\n</header>"
 
-    def _contents(self) -> str:
-        """The table of contents; one section needs none."""
-        if len(self.sections) < 2:
-            return ""
-        items = "".join(
-            f'<li><a href="#{section.anchor}">{escaped(section.title)}</a></li>' for section in self.sections
-        )
-        return f'<nav aria-labelledby="contents"><h2 id="contents">Contents</h2><ol>{items}</ol></nav>'
-
-
-def _scripts() -> str:
-    """Returns plotly's script and the few lines that draw the charts with it."""
+def _plotly_script() -> Markup:
     from plotly.offline import get_plotlyjs
 
-    return f"<script>{get_plotlyjs()}</script>\n<script>\n{_asset('charts.js')}</script>\n"
-
-
-def _asset(name: str) -> str:
-    """Reads a file that lies beside this module."""
-    return resources.files("everplace.report").joinpath(name).read_text(encoding="utf-8")
+    return Markup(get_plotlyjs())

@@ -1,40 +1,116 @@
-"""One method on one ordered pair of conditions: descriptors, similarity, truth and scores."""
+"""From a route, two traverses and a method to scores: select, describe, compare, and score against the truth."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.describe.costs import time_describer
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Descriptors
+from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
-from everplace.match.best_matches import compared
+from everplace.match.matching import Matching, compare_descriptors
 from everplace.match.new_place import new_place_summary
-from everplace.match.similarity import similarity
-from everplace.match.standardise import Standardisation
+from everplace.match.standardise import require_standardisable
 from everplace.progress import Progress, quiet
 from everplace.route.route import Route
 from everplace.route.selection import Selection, select, select_maps
 from everplace.route.traverse import Traverse
 from everplace.route.truth import truth_by_pose, truth_by_position
 from everplace.scoring.scores import PrecisionRecall, Scores, evaluate, precision_recall
-from everplace.sequences.sequence_search import SequenceMethod, search_sequences
 
-__all__ = [
-    "Matching",
-    "Pair",
-    "Retrieval",
-    "Truth",
-    "choose_pair",
-    "of_itself_sentence",
-    "pair_of",
-    "retrieve",
-    "true_matches",
-]
+__all__ = ["Pair", "Retrieval", "Truth", "choose_pair", "pair_of", "retrieve", "retrieve_pair", "true_matches"]
+
+
+def retrieve(
+    route: Route,
+    query: str,
+    database: str,
+    method: str | os.PathLike[str] | Describer,
+    *,
+    tolerance: int | None = None,
+    radius: float | None = None,
+    selection: Selection | None = None,
+    matching: Matching | None = None,
+    progress: Progress = quiet,
+) -> Retrieval:
+    """Looks for the frames of one traverse among those of another, and scores what is found.
+
+    Args:
+        route: Such as `everplace.open_route` gives.
+        query: Traverse or condition that asks.
+        database: Traverse or condition that is the map.
+        method: A run directory, the name of a method, or what `everplace.load` gives.
+        tolerance: Places along the route by which a match may be off. Without it and `radius` the route says what is
+            right: its tolerance, radius or file of pairs, else ±1 place.
+        radius: Metres by which a match may be off, where poses are known.
+        selection: Which places take part; None: all.
+        matching: How descriptors are compared; None: as they are, frame by frame.
+        progress: Told of downloads and of the describing.
+
+    Raises:
+        RouteError: A traverse does not exist, nothing is left of the route, or nothing tells the truth.
+        MethodError: The method does not exist or cannot run here.
+        CheckpointError: The run directory is damaged.
+        ConfigError: Both a tolerance and a radius are given, or the descriptors cannot be standardised.
+        ImageError: A frame cannot be decoded.
+    """
+    matching = matching or Matching()
+    describer = _opened(method, matching, progress)
+    pair = choose_pair(route, query, database, selection or Selection(), progress)
+    return retrieve_pair(pair, describer, Truth(tolerance, radius), matching, progress=progress)
+
+
+def retrieve_pair(
+    pair: Pair,
+    describer: Describer,
+    truth: Truth,
+    matching: Matching,
+    *,
+    described: Mapping[str, Descriptors] | None = None,
+    progress: Progress = quiet,
+) -> Retrieval:
+    """Does what `retrieve` does with a pair that is chosen and a method that is open.
+
+    Args:
+        pair: The traverses.
+        describer: The method.
+        truth: When a match is right; what it leaves open comes from the route.
+        matching: How descriptors are compared.
+        described: Descriptors by traverse name that were made before, of at least the pair's frames; None: describe.
+        progress: Told of the describing.
+    """
+    true, rule = true_matches(pair, truth)
+    if described is None:
+        traverses = {traverse.name: traverse for traverse in (pair.query, pair.database)}
+        described = {name: describer.describe(one, progress=progress) for name, one in traverses.items()}
+    query = described[pair.query.name].of(pair.query.stems)
+    database = described[pair.database.name].of(pair.database.stems)
+    S = compare_descriptors(query, database, matching)
+    return Retrieval(
+        pair=pair,
+        describer=describer,
+        matching=matching,
+        rule=rule,
+        similarity=S,
+        truth=true,
+        scores=evaluate(S, true),
+        curve=precision_recall(S, true),
+        new_place=new_place_summary(query, database),
+    )
+
+
+def _opened(method: str | os.PathLike[str] | Describer, matching: Matching, progress: Progress) -> Describer:
+    describer = method if isinstance(method, Describer) else open_describer(method, progress=progress)
+    if matching.standardise is not None:
+        require_standardisable(describer.method, describer.metric)
+    return describer
 
 
 @dataclass(frozen=True)
@@ -51,61 +127,39 @@ class Truth:
     radius: float | None = None
     pairs: str | None = None
 
+    def metrics(self) -> dict[str, str | int | float | None]:
+        """What metrics.json says of it."""
+        return {"tolerance": self.tolerance, "radius": self.radius, "truth": self.pairs}
+
     def __str__(self) -> str:
         if self.pairs is not None:
             return f"pairs of {self.pairs}"
         return f"±{self.tolerance} frames" if self.radius is None else f"within {self.radius:g} m"
 
 
-@dataclass(frozen=True)
-class Matching:
-    """Options of the match; each is named wherever a result of it is.
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A query traverse against a database traverse.
 
     Attributes:
-        standardise: Subtract each traverse's mean descriptor (`centre`), also divide by its spread (`full`).
-        sequence: Number of last frames that score each place; 1: frame by frame.
-        sequence_method: How, see `everplace.sequences.sequence_search`.
+        route: The route after selection, with both.
+        query: The frames that ask.
+        database: The whole map.
     """
 
-    standardise: Standardisation | None = None
-    sequence: int = 1
-    sequence_method: SequenceMethod = "filter"
-
-    def metrics(self) -> dict[str, str | int | None]:
-        """What metrics.json says of the match."""
-        return {
-            "standardise": self.standardise,
-            "sequence": self.sequence,
-            "sequence_method": self.sequence_method if self.sequence > 1 else None,
-        }
-
-    def __str__(self) -> str:
-        parts = [f"standardised ({self.standardise})"] if self.standardise else []
-        if self.sequence > 1:
-            counted = ", stops not counted" if self.sequence_method == "filter" else ""
-            parts.append(f"sequences of {self.sequence} ({self.sequence_method}{counted})")
-        return ", ".join(parts) or "plain"
-
-
-@dataclass(frozen=True)
-class Pair:
-    """A query traverse against a database traverse, after selection."""
-
+    route: Route
     query: Traverse
     database: Traverse
 
     @property
-    def of_itself(self) -> bool:
-        """Whether both sides are the same frames, each of which then finds itself."""
-        return self.query.paths == self.database.paths
-
-
-def of_itself_sentence(pair: Pair) -> str:
-    """Says that the scores of a pair of one traverse mean nothing."""
-    return (
-        f"query and database are both {readable(pair.query.name)!r}, so every frame finds itself and the scores say "
-        "nothing; give two traverses with --query and --database"
-    )
+    def warning(self) -> str:
+        """What must be said where both sides are the same frames, so that the scores mean nothing; else empty."""
+        if self.query.paths != self.database.paths:
+            return ""
+        return (
+            f"query and database are both {readable(self.query.name)!r}, so every frame finds itself and the scores "
+            "say nothing; give two traverses with --query and --database"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,38 +167,45 @@ class Retrieval:
     """What came out for one method and one pair.
 
     Attributes:
-        method: The method's name.
+        pair: The traverses and their route, after selection.
+        describer: The method.
+        matching: How descriptors were compared.
+        rule: When a match is right, fully resolved.
         similarity: M×N, rows = queries.
-        truth: M×N.
+        truth: M×N, true where `rule` says that both frames show the same place.
         scores: See `everplace.scoring.scores`.
         curve: The best-match precision-recall curve.
-        dimension: Numbers in a descriptor.
-        ms_per_image: Description alone, model loading and decoding not counted.
         new_place: Where the method knows the probability that a query shows a place that is not in the database: its
             mean over the queries (`mean_probability`), and how many queries have one above one half (`above_half`).
     """
 
-    method: str
-    similarity: NDArray[np.float32]
+    pair: Pair
+    describer: Describer
+    matching: Matching
+    rule: Truth
+    similarity: NDArray[np.floating[Any]]
     truth: NDArray[np.bool_]
     scores: Scores
     curve: PrecisionRecall
-    dimension: int
-    ms_per_image: float
     new_place: dict[str, float] | None = None
 
+    @property
+    def query(self) -> Traverse:
+        """The M frames that ask."""
+        return self.pair.query
 
-def choose_pair(
-    route: Route, query: str, database: str, selection: Selection, progress: Progress = quiet
-) -> tuple[Route, Pair]:
+    @property
+    def database(self) -> Traverse:
+        """The N frames of the map."""
+        return self.pair.database
+
+
+def choose_pair(route: Route, query: str, database: str, selection: Selection, progress: Progress = quiet) -> Pair:
     """Restricts a route to two conditions and to the places that take part.
 
     Where the route tells the same places by poses or by a file of pairs, a frame needs no partner of the same
     stem to take part. Where stems tell them and one traverse has all places of the other and twice as many, it keeps
     the others too (see `select_maps`): the pair's database is the whole map, and only the places of both ask.
-
-    Returns:
-        The route of these two traverses (one, if both are the same), and the pair.
 
     Raises:
         RouteError: A condition does not exist, or nothing is left.
@@ -155,7 +216,7 @@ def choose_pair(
         chosen = select_maps(both, selection, progress)
     else:
         chosen = select(both, selection, progress, only_shared=False)
-    return chosen, pair_of(chosen, *names)
+    return pair_of(chosen, *names)
 
 
 def pair_of(route: Route, query: str, database: str) -> Pair:
@@ -173,10 +234,10 @@ def pair_of(route: Route, query: str, database: str) -> Pair:
         known = frozenset(map_.stems)
         asked = [index for index, stem in enumerate(asking.stems) if stem in known]
         asking = asking.take(asked) if asked else asking
-    return Pair(asking, map_)
+    return Pair(route, asking, map_)
 
 
-def true_matches(route: Route, pair: Pair, truth: Truth) -> tuple[NDArray[np.bool_], Truth]:
+def true_matches(pair: Pair, truth: Truth) -> tuple[NDArray[np.bool_], Truth]:
     """The truth of a pair; what `truth` leaves open comes from route.toml, else ±1 frame.
 
     Frames are counted along all frames of the two traverses of the route, also those that do not ask.
@@ -186,6 +247,7 @@ def true_matches(route: Route, pair: Pair, truth: Truth) -> tuple[NDArray[np.boo
         RouteError: Poses are missing for a radius, the file of pairs is wrong, or stems that are no places are to tell
             the truth.
     """
+    route = pair.route
     if truth.tolerance is not None and truth.radius is not None:
         raise ConfigError("--tolerance and --radius are two truths; give one of them")
     if truth.tolerance is None and truth.radius is None:
@@ -203,46 +265,3 @@ def true_matches(route: Route, pair: Pair, truth: Truth) -> tuple[NDArray[np.boo
         )
     places = route[pair.query.name].stems
     return truth_by_position(pair.query, pair.database, truth.tolerance, places), truth
-
-
-def retrieve(
-    describer: Describer,
-    pair: Pair,
-    truth: NDArray[np.bool_],
-    matching: Matching,
-    *,
-    described: dict[str, Descriptors] | None = None,
-    ms_per_image: float | None = None,
-    progress: Progress = quiet,
-) -> Retrieval:
-    """Describes both traverses, matches them and scores the result.
-
-    Args:
-        describer: The method.
-        pair: The traverses.
-        truth: M×N.
-        matching: Options of the match.
-        described: Descriptors by traverse name that were made before, of at least the pair's frames; new ones are
-            added.
-        ms_per_image: What was measured before; None: measure.
-        progress: Told of the describing.
-    """
-    described = {} if described is None else described
-    for traverse in (pair.query, pair.database):
-        if traverse.name not in described:
-            described[traverse.name] = describer.describe(traverse, progress=progress)
-    query = described[pair.query.name].of(pair.query.stems)
-    database = described[pair.database.name].of(pair.database.stems)
-    S = similarity(*compared(query, database, matching.standardise))
-    if matching.sequence > 1:
-        S = search_sequences(S, matching.sequence, matching.sequence_method)
-    return Retrieval(
-        method=describer.method,
-        similarity=S,
-        truth=truth,
-        scores=evaluate(S, truth),
-        curve=precision_recall(S, truth),
-        dimension=describer.dimension,
-        ms_per_image=time_describer(describer, pair.query.paths) if ms_per_image is None else ms_per_image,
-        new_place=new_place_summary(query, database),
-    )

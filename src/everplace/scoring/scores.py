@@ -20,7 +20,7 @@ few blocks of about `_BLOCK` elements.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,10 +32,8 @@ from everplace.errors import DescriptorsError, RouteError
 __all__ = [
     "PrecisionRecall",
     "Scores",
-    "average_precision",
     "evaluate",
     "precision_recall",
-    "recall_at",
 ]
 
 _BLOCK = 1 << 22  # matrix elements handled at once: 16 MiB of float32
@@ -102,13 +100,23 @@ class Scores:
     queries_with_match: int
     database: int
 
+    def columns(self) -> dict[str, float]:
+        """Returns the scores as the columns of a table, by their short names."""
+        return {
+            **{f"recall@{count}": recall for count, recall in self.recall_at.items()},
+            "auc_pr": self.auc_pr,
+            "AP": self.average_precision,
+            "R@100%P": self.recall_at_100_precision,
+            "EP": self.extended_precision,
+        }
+
     def to_dict(self) -> dict[str, Any]:
         """Returns the scores as plain values that JSON can hold."""
         return dataclasses.asdict(self)
 
 
 def evaluate(S: NDArray[Any], truth: NDArray[np.bool_]) -> Scores:
-    """Scores a similarity matrix.
+    """Scores a similarity matrix; for recall@N an N beyond the number of database frames counts as all of them.
 
     Args:
         S: M×N scores, rows = queries, higher = more alike.
@@ -122,7 +130,7 @@ def evaluate(S: NDArray[Any], truth: NDArray[np.bool_]) -> Scores:
     S, truth = _checked(S, truth)
     curve = _curve(S, truth)
     return Scores(
-        recall_at=_recall_at(S, truth, (1, 5, 10)),
+        recall_at=_recall_at(S, truth),
         auc_pr=curve.area,
         average_precision=_average_precision(S, truth),
         recall_at_100_precision=curve.recall_at_100_precision,
@@ -136,24 +144,6 @@ def evaluate(S: NDArray[Any], truth: NDArray[np.bool_]) -> Scores:
 def precision_recall(S: NDArray[Any], truth: NDArray[np.bool_]) -> PrecisionRecall:
     """Sweeps a threshold over the best match of every query; arguments and errors as for `evaluate`."""
     return _curve(*_checked(S, truth))
-
-
-def recall_at(S: NDArray[Any], truth: NDArray[np.bool_], counts: Sequence[int] = (1, 5, 10)) -> dict[str, float]:
-    """Returns recall@N for every N in `counts`, by str(N); other arguments and errors as for `evaluate`.
-
-    An N beyond the number of database frames counts as all of them.
-    """
-    return _recall_at(*_checked(S, truth), counts)
-
-
-def average_precision(S: NDArray[Any], truth: NDArray[np.bool_]) -> float:
-    """Returns the average precision over all M·N pairs; arguments and errors as for `evaluate`.
-
-    AP = Σ_t (R_t - R_{t-1}) P_t over the distinct scores t, as scikit-learn's `average_precision_score`, but
-    without its sorted copies of all pairs: only a threshold at which a true pair enters adds to the sum, so
-    it is enough to count, block by block, how many pairs score at least as high as each true one.
-    """
-    return _average_precision(*_checked(S, truth))
 
 
 def _checked(S: NDArray[Any], truth: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
@@ -200,9 +190,9 @@ def _curve(S: NDArray[Any], truth: NDArray[np.bool_]) -> PrecisionRecall:
     return PrecisionRecall(correct / truth.any(axis=1).sum(), correct / accepted, threshold[::-1])
 
 
-def _recall_at(S: NDArray[Any], truth: NDArray[np.bool_], counts: Sequence[int]) -> dict[str, float]:
+def _recall_at(S: NDArray[Any], truth: NDArray[np.bool_]) -> dict[str, float]:
     ranks = np.concatenate([_true_ranks(S[rows], truth[rows]) for rows in _row_blocks(S.shape)])
-    return {str(count): float(np.mean(ranks < count)) for count in counts}
+    return {str(count): float(np.mean(ranks < count)) for count in (1, 5, 10)}
 
 
 def _true_ranks(S: NDArray[Any], truth: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -218,6 +208,11 @@ def _true_ranks(S: NDArray[Any], truth: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def _average_precision(S: NDArray[Any], truth: NDArray[np.bool_]) -> float:
+    """AP = Σ_t (R_t - R_{t-1}) P_t over the distinct scores t, as scikit-learn's `average_precision_score`.
+
+    It does without sorted copies of all pairs: only a threshold at which a true pair enters adds to the sum, so it is
+    enough to count, block by block, how many pairs score at least as high as each true one.
+    """
     threshold, true_pairs = np.unique(S[truth], return_counts=True)
     accepted = np.zeros(len(threshold), np.int64)
     for rows in _row_blocks(S.shape):

@@ -191,9 +191,7 @@ def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None
         ConfigError: `length` is below 1.
         DescriptorsError: S is no matrix of numbers.
     """
-    if length < 1:
-        raise ConfigError(f"--sequence {length} is not possible; give a number of frames of at least 1")
-    S = checked_scores(S)
+    S = checked_scores(S, length)
     known = RouteModel() if model is None else model
     new = new_frames(S, known)
     stands = np.diff(np.append(new, len(S)))  # how many frames show what each new one does

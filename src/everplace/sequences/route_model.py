@@ -168,12 +168,15 @@ def likelihood_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.flo
     return ratios
 
 
-def checked_scores(S: NDArray[Any]) -> NDArray[Any]:
-    """Returns the scores of a traverse as an array, after a look at its shape.
+def checked_scores(S: NDArray[Any], length: int = 1) -> NDArray[Any]:
+    """Returns the scores of a traverse as an array, after a look at its shape and at the length of its sequences.
 
     Raises:
-        DescriptorsError: It is not a matrix of numbers with at least one row and one column.
+        ConfigError: `length` is below 1.
+        DescriptorsError: S is not a matrix of numbers with at least one row and one column.
     """
+    if length < 1:
+        raise ConfigError(f"--sequence {length} is not possible; give a number of frames of at least 1")
     S = np.asarray(S)
     if S.ndim != 2 or 0 in S.shape or S.dtype.kind not in "biuf":
         raise DescriptorsError(

@@ -45,11 +45,9 @@ def seqslam(
         ConfigError: `length` is below 1, `window` is negative, or there is no velocity or a negative one.
         DescriptorsError: S is no matrix of numbers.
     """
-    if length < 1:
-        raise ConfigError(f"--sequence {length} is not possible; give a number of frames of at least 1")
+    S = checked_scores(S, length)
     if window < 0 or not velocities or not all(0 <= v < np.inf for v in velocities):
         raise ConfigError(f"velocities {velocities} with a window of {window} are not possible; give 0 or more")
-    S = checked_scores(S)
     out = np.empty(S.shape, np.float32)
     size = max(1, _BLOCK // S.shape[1])
     for start in range(0, len(S), size):

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from everplace.choices import SEQUENCE_METHODS, SequenceMethod
 from everplace.errors import ConfigError
 from everplace.sequences.route_filter import filter_windows
 from everplace.sequences.route_model import checked_scores
 from everplace.sequences.seqslam import seqslam
 
-__all__ = ["SEQUENCE_METHODS", "SequenceMethod", "average_sequences", "search_sequences"]
-
-SequenceMethod: TypeAlias = Literal["filter", "seqslam", "mean"]
-
-SEQUENCE_METHODS: tuple[SequenceMethod, ...] = get_args(SequenceMethod)
+__all__ = ["average_sequences", "search_sequences"]
 
 
 def search_sequences(S: NDArray[Any], length: int, method: SequenceMethod = "filter") -> NDArray[np.floating[Any]]:
@@ -63,9 +60,7 @@ def average_sequences(S: NDArray[Any], length: int) -> NDArray[np.floating[Any]]
         ConfigError: `length` is below 1.
         DescriptorsError: S is no matrix of numbers.
     """
-    if length < 1:
-        raise ConfigError(f"--sequence {length} is not possible; give a number of frames of at least 1")
-    S = checked_scores(S)
+    S = checked_scores(S, length)
     mean = np.array(S, dtype=S.dtype if S.dtype.kind == "f" else np.float64)
     rows, columns = S.shape
     for k in range(1, min(length, rows, columns)):

@@ -11,12 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.fuzzing import fuzzed
 
-from everplace.describe.registry import open_describer
 from everplace.errors import RouteError
 from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.sources import vprbench
 from everplace.route.selection import Selection
-from everplace.scoring.retrieval import Matching, Truth, choose_pair, retrieve, true_matches
+from everplace.scoring.retrieval import Truth, choose_pair, retrieve, true_matches
 
 MATCHES: list[list[Any]] = [[0, [1, 2]], [1, np.array([0])], [2, []]]
 
@@ -46,11 +45,11 @@ def test_matches_become_pairs_by_stem(data_set: Any) -> None:
 def test_an_import_is_evaluated_by_its_pairs(data_set: Any) -> None:
     write(data_set, MATCHES)
     route = data_set.imported("vprbench")
-    chosen, pair = choose_pair(route, "query", "ref", Selection())
-    truth, resolved = true_matches(chosen, pair, Truth())
+    pair = choose_pair(route, "query", "ref", Selection())
+    truth, resolved = true_matches(pair, Truth())
     assert str(resolved) == "pairs of truth.csv"
     assert truth.astype(int).tolist() == [[0, 1, 1, 0], [1, 0, 0, 0], [0, 0, 0, 0]]
-    result = retrieve(open_describer("hog"), pair, truth, Matching(), ms_per_image=0.0)
+    result = retrieve(route, "query", "ref", "hog")
     assert (result.scores.queries, result.scores.queries_with_match, result.scores.database) == (3, 2, 4)
 
 

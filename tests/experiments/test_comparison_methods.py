@@ -9,7 +9,7 @@ import pytest
 from tests.experiments.comparing import compare, refused, untrained_run
 
 from everplace.errors import CheckpointError, ConfigError, ImageError
-from everplace.experiments.fitting import fit_and_open
+from everplace.experiments.comparison_methods import fit_and_open
 from everplace.render.render_config import render_config
 from everplace.render.rendered_route import render_route
 from everplace.route.route import open_route

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from everplace.plots.canvas import new_axes, new_figure, png_bytes
-from everplace.plots.curves import (
+from everplace.plots.canvas import new_figure, png_bytes
+from everplace.plots.precision_recall import (
     Curve,
-    draw_precision_recall,
     draw_precision_recall_panels,
     from_recall_zero,
 )
@@ -21,14 +20,14 @@ Make = Callable[[list[float], list[float]], Curve]
 
 
 def test_line_holds_the_curve_from_recall_zero(make_curve: Make) -> None:
-    _, axes = new_axes()
     curve = make_curve([0.2, 0.5, 0.5, 0.8], [1.0, 0.9, 0.7, 0.6])
-    (line,) = draw_precision_recall(axes, {"hog": curve}, title="winter in summer")
+    (axes,) = draw_precision_recall_panels(new_figure(), {("winter", "summer"): {"hog": curve}}, columns=2)
+    (line,) = axes.lines
     np.testing.assert_allclose(np.asarray(line.get_xdata()), [0.0, 0.2, 0.5, 0.5, 0.8])
     np.testing.assert_allclose(np.asarray(line.get_ydata()), [1.0, 1.0, 0.9, 0.7, 0.6])
     assert line.get_markevery() == [4]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("recall", "precision")
-    assert axes.get_title() == "winter in summer"
+    assert axes.get_title() == "winter → summer"
     assert (axes.get_xlim()[0], axes.get_ylim()[0]) == (0, 0)
 
 
@@ -41,21 +40,13 @@ def test_area_drawn_is_the_area_reported(make_curve: Make) -> None:
     assert area == pytest.approx(0.625)
 
 
-def test_legend_gives_every_method_with_its_area(make_curve: Make) -> None:
-    figure, axes = new_axes()
+def test_any_name_stands_in_the_legend_in_its_colour(make_curve: Make) -> None:
+    figure = new_figure()
     curves = {"_run $1$": make_curve([0.5], [1.0]), "sad": make_curve([0.1, 0.4], [0.5, 0.2])}
-    lines = draw_precision_recall(axes, curves, areas={"sad": 0.17149})
-    legend = axes.get_legend()
-    assert legend is not None
-    assert [text.get_text() for text in legend.get_texts()] == ["_run $1$", "sad  0.171"]
-    assert [to_hex(str(line.get_color())).upper() for line in lines] == list(COLOURS[:2])
-    assert png_bytes(figure, 50)
-
-
-def test_no_curve_and_empty_curve_can_be_drawn(make_curve: Make) -> None:
-    figure, axes = new_axes()
-    assert draw_precision_recall(axes, {}) == []
-    assert len(draw_precision_recall(axes, {"nothing": make_curve([], [])})) == 1
+    (axes,) = draw_precision_recall_panels(figure, {("a", "b"): curves}, columns=2)
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["_run $1$", "sad"]
+    assert [to_hex(str(line.get_color())).upper() for line in axes.lines] == list(COLOURS[:2])
     assert png_bytes(figure, 50)
 
 
@@ -65,7 +56,7 @@ def test_one_panel_for_every_ordered_pair(make_curve: Make) -> None:
     panels = {
         pair: {"hog": make_curve([0.5], [1.0]), "sad": make_curve([0.2], [0.7])} for pair in permutations(conditions, 2)
     }
-    axes = draw_precision_recall_panels(figure, panels)
+    axes = draw_precision_recall_panels(figure, panels, columns=3)
     assert [panel.get_title() for panel in axes] == [f"{query} → {database}" for query, database in panels]
     assert all(len(panel.lines) == 2 for panel in axes)
     columns = {round(panel.get_position().x0, 3) for panel in axes}
@@ -79,7 +70,7 @@ def test_a_method_keeps_its_colour_where_others_are_missing(make_curve: Make) ->
     figure = new_figure()
     curve = make_curve([0.5], [1.0])
     first, second = draw_precision_recall_panels(
-        figure, {("a", "b"): {"hog": curve, "sad": curve}, ("b", "a"): {"sad": curve}}
+        figure, {("a", "b"): {"hog": curve, "sad": curve}, ("b", "a"): {"sad": curve}}, columns=2
     )
     assert first.lines[1].get_color() == second.lines[0].get_color() != first.lines[0].get_color()
 
@@ -101,7 +92,7 @@ def test_empty_places_of_the_panel_grid_are_removed(make_curve: Make, count: int
 def test_the_legend_of_all_panels_has_lines_of_about_one_length(make_curve: Make, names: int, columns: int) -> None:
     curves = {f"cp-vae-number-{name} (recipe best)": make_curve([0.5], [1.0]) for name in range(names)}
     figure = new_figure(8)
-    draw_precision_recall_panels(figure, {("day", "night"): curves, ("night", "day"): curves})
+    draw_precision_recall_panels(figure, {("day", "night"): curves, ("night", "day"): curves}, columns=2)
     assert png_bytes(figure, figure.dpi)
     (legend,) = figure.legends
     across = {round(text.get_window_extent().x0) for text in legend.get_texts()}

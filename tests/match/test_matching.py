@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from everplace.describe.files.descriptors import Descriptors
 from everplace.errors import ConfigError
 from everplace.match import similarity as module
-from everplace.match.best_matches import best_matches
+from everplace.match.matching import Matching, best_matches
 from everplace.match.similarity import best_columns, similarity
 from everplace.sequences.sequence_search import average_sequences
 
@@ -45,7 +45,7 @@ def test_a_score_that_is_none_comes_last() -> None:
 
 def test_sequences_are_searched_before_the_best_are_taken() -> None:
     query, database = descriptors(0, 9), descriptors(1, 8)
-    indices, scores = best_matches(query, database, 3, sequence=4, sequence_method="mean")
+    indices, scores = best_matches(query, database, 3, Matching(sequence=4, sequence_method="mean"))
     mean = average_sequences(similarity(query, database), 4)
     np.testing.assert_array_equal(indices[:, 0], mean.argmax(axis=1))
     np.testing.assert_array_equal(scores, np.sort(mean, axis=1)[:, :-4:-1])
@@ -55,4 +55,4 @@ def test_sequences_are_searched_before_the_best_are_taken() -> None:
 @pytest.mark.parametrize("k", [0, -1])
 def test_no_matches_cannot_be_asked_for(sequence: int, k: int) -> None:
     with pytest.raises(ConfigError, match=f"best {k} matches were asked for"):
-        best_matches(descriptors(0, 5), descriptors(1, 5), k, sequence=sequence)
+        best_matches(descriptors(0, 5), descriptors(1, 5), k, Matching(sequence=sequence))

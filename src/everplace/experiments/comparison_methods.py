@@ -1,4 +1,4 @@
-"""Methods for a study: opened, or first fitted on places that are not tested."""
+"""The methods of a comparison: opened, or first fitted on places that are not tested."""
 
 from __future__ import annotations
 
@@ -111,73 +111,54 @@ def fit_and_open(
         MachineError: Fitting failed, and not by its input.
     """
     labels = _labels(methods)
-    opened, left_out = _open(labels, progress)
-    configs: dict[str, FitConfig] = {}
-    for method in labels:
-        if method in FITTED_METHODS:
-            configs[method] = build_config(**_settings_of(method, settings), model=method, frames=fit_frames)
+    opened, left_out = _open([method for method in labels if method not in FITTED_METHODS], progress)
+    configs: dict[str, FitConfig] = {
+        method: build_config(**_settings_of(method, settings), model=method, frames=fit_frames)
+        for method in labels
+        if method in FITTED_METHODS
+    }
     for method, config in configs.items():
         _require_same_run(out, method, config)
-    # Before anything is fitted, which takes long.
-    unfit = {method: reason for method, config in configs.items() if (reason := _why_not(route, config, progress))}
-    left_out |= {labels[method]: reason for method, reason in unfit.items()}
-    if len(unfit) < len(configs):
+    for method, config in configs.items():  # before anything is fitted, which takes long
+        try:
+            require_fittable(route, config, progress)
+        except InputError as error:
+            left_out[method] = str(error)
+    if fittable := [method for method in configs if method not in left_out]:
         # Another process that fits here is waited for, and then refused: its methods are no left-out ones.
         with locked(out):
-            for method in [one for one in configs if one not in unfit]:
-                made = _fit_or_reason(route, configs[method], out, method, progress)
-                if isinstance(made, str):
-                    left_out[labels[method]] = made
-                else:
-                    opened[method] = made
-    left_out = {label: left_out[label] for label in labels.values() if label in left_out}
+            for method in fittable:
+                try:
+                    opened[method] = fit(route, configs[method], out, method, progress)
+                except (OtherRunError, CheckpointError, ImageError):
+                    # The first two are wrong with `out`; a damaged image is to be repaired for all methods.
+                    raise
+                except InputError as error:
+                    left_out[method] = str(error)
+    reasons = {label: left_out[method] for method, label in labels.items() if method in left_out}
     if not opened:
-        raise ConfigError(f"--methods {','.join(methods)}: none of them can run: {'; '.join(left_out.values())}")
+        raise ConfigError(f"--methods {','.join(methods)}: none of them can run: {'; '.join(reasons.values())}")
     found = {method: label for method, label in labels.items() if method in opened}
     return Methods(
         {label: opened[method] for method, label in found.items()},
         {label: str(run_of(out, method)) if method in configs else method for method, label in found.items()},
-        left_out,
+        reasons,
         {"seed": 0, **settings, "frames": fit_frames} if set(configs) & set(found) else {},
     )
 
 
-def _open(labels: Mapping[str, str], progress: Progress) -> tuple[dict[str, Describer], dict[str, str]]:
-    """Opens the methods that need no fitting; the reasons of those that cannot run are by label."""
+def _open(methods: Sequence[str], progress: Progress) -> tuple[dict[str, Describer], dict[str, str]]:
+    """Opens methods that need no fitting; the reasons of those that cannot run beside them."""
     opened: dict[str, Describer] = {}
     left_out: dict[str, str] = {}
-    for method, label in labels.items():
-        if method in FITTED_METHODS:
-            continue
+    for method in methods:
         try:
             opened[method] = open_describer(method, progress=progress)
         except MethodError as error:
             if method.partition(":")[0] not in method_names():
                 raise
-            left_out[label] = str(error)
+            left_out[method] = str(error)
     return opened, left_out
-
-
-def _why_not(route: Route, config: FitConfig, progress: Progress) -> str:
-    """Why a method cannot be fitted, if that can be known before; else nothing."""
-    try:
-        require_fittable(route, config, progress)
-    except InputError as error:
-        return str(error)
-    return ""
-
-
-def _fit_or_reason(route: Route, config: FitConfig, out: Path, method: str, progress: Progress) -> Describer | str:
-    """A fitted method, or why it could not be fitted to this route.
-
-    What is wrong with `out` is no such reason, nor is a damaged image, which is to be repaired for all methods.
-    """
-    try:
-        return fit(route, config, out, method, progress)
-    except (OtherRunError, CheckpointError, ImageError):
-        raise
-    except InputError as error:
-        return str(error)
 
 
 def run_of(out: Path, method: str) -> Path:

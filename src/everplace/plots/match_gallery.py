@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -44,56 +45,39 @@ class Match:
     true: Image | None
     score: float
     right: bool
-    query_name: str = ""
-    proposed_name: str = ""
-    true_name: str = ""
+    query_name: str
+    proposed_name: str
+    true_name: str
 
 
 @styled()
-def draw_matches(
-    figure: Figure, matches: Sequence[Match], *, columns: int | None = None, title: str = "", note: str = ""
-) -> Axes:
+def draw_matches(figure: Figure, matches: Sequence[Match], *, title: str, note: str) -> Axes:
     """Draws query | proposed | true for every match, with its score and whether it is right.
 
     Right and wrong differ by colour, by the word and its sign, and by the line around the proposal (solid or
-    dashed). The figure keeps its width and gets the height it needs.
+    dashed). More than three matches stand in two columns. The figure keeps its width and gets the height it needs.
 
     Args:
         figure: An empty figure.
-        matches: In the order of rows, left to right; none at all gives a picture that says so.
-        columns: Matches beside each other; by default one for up to three matches, else two.
+        matches: At least one, in the order of rows, left to right.
         title: Written above.
         note: Written below the title, smaller: which matches count as right, and what their numbers are.
 
     Returns:
         The axes, in inches, with three images a match (two where there is no true frame).
     """
-    columns = max(1, min(columns or (1 if len(matches) <= 3 else 2), len(matches)))
+    columns = 1 if len(matches) <= 3 else 2
     width = float(figure.get_figwidth())
     group = (width - 2 * _EDGE - (columns - 1) * _BETWEEN) / columns
     cell = (group - 2 * _GAP) / 3
-    tallest = max((match.query.shape[0] / match.query.shape[1] for match in matches), default=0.0)
+    tallest = max(match.query.shape[0] / match.query.shape[1] for match in matches)
     height = cell * min(tallest, 1.5)  # a very tall image is drawn narrower rather than over the whole page
-    under_title = _EDGE + (_TITLE if title else 0.0)
-    top = under_title + (_NOTE if note else 0.0)
+    under_title = _EDGE + _TITLE
+    top = under_title + _NOTE
     rows = math.ceil(len(matches) / columns)
-    axes = inch_axes(figure, top + _HEADING + max(rows, 1) * (height + _CAPTION) + _EDGE)
-    if title:
-        place_text(axes, title, _EDGE, _EDGE, width=width, size=10.0, va="top")
-    if note:
-        place_text(axes, note, _EDGE, under_title - 0.06, width=width, size=8.0, va="top", color=MUTED)
-    if not matches:
-        place_text(
-            axes,
-            "no match to show",
-            width / 2,
-            top + _HEADING,
-            width=width,
-            size=9.0,
-            ha="center",
-            va="center",
-        )
-        return axes
+    axes = inch_axes(figure, top + _HEADING + rows * (height + _CAPTION) + _EDGE)
+    place_text(axes, title, _EDGE, _EDGE, width=width, size=10.0, va="top")
+    place_text(axes, note, _EDGE, under_title - 0.06, width=width, size=8.0, va="top", color=MUTED)
     for column in range(columns):
         for part, heading in enumerate(("query", "proposed", "true")):
             x = _EDGE + column * (group + _BETWEEN) + part * (cell + _GAP) + cell / 2
@@ -108,26 +92,14 @@ def draw_matches(
 def _draw_match(axes: Axes, match: Match, first: Cell) -> None:
     """Draws one match: the query in the first cell, the two others to its right."""
     below = first.y + first.height + 0.04
-    parts = (
-        (match.query, match.query_name),
-        (match.proposed, match.proposed_name),
-        (match.true, match.true_name if match.true is not None else ""),
-    )
+    parts = ((match.query, match.query_name), (match.proposed, match.proposed_name), (match.true, match.true_name))
     colour, word, line = (RIGHT, RIGHT_TEXT, "-") if match.right else (WRONG, WRONG_TEXT, (0, (4, 2)))
     for part, (image, name) in enumerate(parts):
         cell = first._replace(x=first.x + part * (first.width + _GAP))
         centre = cell.x + cell.width / 2
         if image is None:
-            place_text(
-                axes,
-                "not in the database",
-                centre,
-                cell.y + cell.height / 2,
-                width=cell.width,
-                ha="center",
-                va="center",
-                color=MUTED,
-            )
+            look: dict[str, Any] = {"ha": "center", "va": "center", "color": MUTED}
+            place_text(axes, "not in the database", centre, cell.y + cell.height / 2, width=cell.width, **look)
             continue
         drawn = place_image(axes, image, cell)
         place_text(axes, name, centre, below, width=cell.width, size=7.0, ha="center", va="top", color=MUTED)
@@ -138,6 +110,6 @@ def _draw_match(axes: Axes, match: Match, first: Cell) -> None:
             )
             verdict = f"{word}  {match.score:.3f}"
             place_text(
-                axes, verdict, centre, below + (0.13 if name else 0.0), width=cell.width, size=8.0,
+                axes, verdict, centre, below + 0.13, width=cell.width, size=8.0,
                 ha="center", va="top", color=colour, fontweight="bold",
             )  # fmt: skip

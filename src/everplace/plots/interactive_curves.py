@@ -8,45 +8,40 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from everplace.plots.curves import Curve, from_recall_zero
-from everplace.plots.style import LineLook, line_looks
+from everplace.plots.precision_recall import Curve, from_recall_zero
+from everplace.plots.style import line_looks
 
 __all__ = ["precision_recall_figure", "thinned"]
 
 
-def precision_recall_figure(
-    curves: Mapping[str, Curve],
-    *,
-    areas: Mapping[str, float] | None = None,
-    looks: Mapping[str, LineLook] | None = None,
-    most_points: int = 600,
-) -> go.Figure:
+_MOST_POINTS = 600
+"""A curve with more points is thinned to about so many."""
+
+
+def precision_recall_figure(curves: Mapping[str, Curve], *, areas: Mapping[str, float]) -> go.Figure:
     """Builds the curves of all methods; the pointer shows recall, precision and the threshold.
 
     Args:
         curves: One curve a method, in the order of the legend.
-        areas: The `auc_pr` of methods, written beside their names.
-        looks: Colours and dashes a method; by default those of `line_looks(curves)`.
-        most_points: A curve with more points is thinned to about so many.
+        areas: The `auc_pr` of each, written beside its name.
 
     Returns:
         A figure with a transparent ground, to stand on a light or dark page.
     """
-    chosen = dict(looks) if looks is not None else line_looks(curves)
+    looks = line_looks(curves)
     figure = go.Figure(layout=_layout())
     for label, curve in curves.items():
-        kept = thinned(len(curve.recall) + 1 if len(curve.recall) else 0, most_points)
+        kept = thinned(len(curve.recall) + 1, _MOST_POINTS)
         # plotly reads a few HTML tags in names; a method's name is no markup.
         name = label.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-        legend = f"{name}  {areas[label]:.3f}" if areas and label in areas else name
         figure.add_trace(
             go.Scatter(
                 x=np.round(from_recall_zero(curve.recall, recall=True)[kept], 5),
                 y=np.round(from_recall_zero(curve.precision)[kept], 5),
                 customdata=from_recall_zero(curve.threshold)[kept],
-                name=legend,
+                name=f"{name}  {areas[label]:.3f}",
                 mode="lines",
-                line={"color": chosen[label].colour, "dash": chosen[label].plotly_dashes, "width": 2},
+                line={"color": looks[label].colour, "dash": looks[label].plotly_dashes, "width": 2},
                 hovertemplate=(
                     f"{name}<br>recall %{{x:.3f}}<br>precision %{{y:.3f}}"
                     "<br>threshold %{customdata:.4g}<extra></extra>"

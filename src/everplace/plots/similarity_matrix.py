@@ -16,7 +16,6 @@ from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from everplace.errors import DescriptorsError
 from everplace.plots.style import INK, MUTED, SEQUENTIAL, WRONG, mark_legend, shortened, styled, write_plainly
 
 __all__ = ["draw_similarity", "outline"]
@@ -40,13 +39,12 @@ def draw_similarity(
     S: NDArray[Any],
     truth: NDArray[np.bool_] | None = None,
     *,
-    best: bool = True,
-    query: str = "query",
-    database: str = "database",
+    query: str,
+    database: str,
     query_names: Sequence[str] = (),
     database_names: Sequence[str] = (),
     score: str = "similarity",
-    title: str = "",
+    title: str,
     note: str = "",
 ) -> AxesImage:
     """Draws a similarity matrix as an image, rows = queries.
@@ -54,9 +52,8 @@ def draw_similarity(
     Args:
         axes: Where to draw.
         S: M×N scores, higher = more alike.
-        truth: M×N, true where the two frames show the same place; its cells get an outline.
-        best: Whether to mark each query's best database frame: a ring when it is right, a cross when wrong
-            (with no truth: a dot).
+        truth: M×N, true where the two frames show the same place; its cells get an outline, and each query's best
+            database frame a ring when it is right, a cross when wrong. None: nothing is marked.
         query: Name of the query traverse.
         database: Name of the database traverse.
         query_names: M names of frames, of which a few stand at the side; without them rows are counted from 0.
@@ -67,25 +64,9 @@ def draw_similarity(
 
     Returns:
         The image, whose colour scale stands beside it.
-
-    Raises:
-        DescriptorsError: `S` is empty, or `truth` or the names do not fit it.
     """
-    scores = np.asarray(S)
-    if scores.ndim != 2 or scores.size == 0:
-        raise DescriptorsError(f"cannot draw a similarity matrix of shape {scores.shape}; give M×N scores")
-    if truth is not None and truth.shape != scores.shape:
-        raise DescriptorsError(
-            f"the truth has shape {truth.shape} and the similarity matrix {scores.shape}; "
-            "make both from the same frames"
-        )
-    M, N = scores.shape
-    if len(query_names) not in (0, M) or len(database_names) not in (0, N):
-        raise DescriptorsError(
-            f"{len(query_names)} and {len(database_names)} names do not fit a similarity matrix of shape {(M, N)}; "
-            "give one a row and one a column"
-        )
-    shown, (down, across) = _averaged(scores)
+    M, N = S.shape
+    shown, (down, across) = _averaged(S)
     image = axes.imshow(
         shown,
         cmap=SEQUENTIAL,
@@ -102,7 +83,9 @@ def draw_similarity(
     _write_ticks(axes.yaxis, query_names, _SIDE)
     slanted = _write_ticks(axes.xaxis, database_names, _UNDER)
     _write_above(axes, title, note)
-    _draw_marks(axes, scores, truth, best=best, below=40.0 + slanted)
+    if truth is not None:
+        marks = {"true place": _draw_truth(axes, truth), **_draw_best(axes, S, truth)}
+        mark_legend(axes, marks, below=40.0 + slanted)
     return image
 
 
@@ -160,9 +143,8 @@ def _write_ticks(side: Axis, names: Sequence[str], room: float) -> float:
 
 
 def _write_above(axes: Axes, title: str, note: str) -> None:
-    """Writes the title over the note, each only where there is one."""
-    if title:
-        write_plainly(axes.set_title(title, fontsize=10.0, pad=20.0 if note else None))
+    """Writes the title, over the note where there is one."""
+    write_plainly(axes.set_title(title, fontsize=10.0, pad=20.0 if note else None))
     if note:
         write_plainly(
             axes.annotate(
@@ -170,17 +152,6 @@ def _write_above(axes: Axes, title: str, note: str) -> None:
                 ha="center", va="bottom", fontsize=8.0, color=MUTED,
             )
         )  # fmt: skip
-
-
-def _draw_marks(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_] | None, *, best: bool, below: float) -> None:
-    """Marks truth and best matches, and explains the marks below the matrix."""
-    marks: dict[str, Artist] = {}
-    if truth is not None:
-        marks["true place"] = _draw_truth(axes, truth)
-    if best:
-        marks |= _draw_best(axes, scores, truth)
-    if marks:
-        mark_legend(axes, marks, below=below)
 
 
 def _draw_truth(axes: Axes, truth: NDArray[np.bool_]) -> Artist:
@@ -192,7 +163,7 @@ def _draw_truth(axes: Axes, truth: NDArray[np.bool_]) -> Artist:
     return Line2D([], [], color=_TRUTH, linewidth=1.4)
 
 
-def _draw_best(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_] | None) -> dict[str, Artist]:
+def _draw_best(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_]) -> dict[str, Artist]:
     """Marks the best database frame of every query; the kinds that do not occur are not explained either."""
     M = len(scores)
     queries = np.arange(M)
@@ -200,23 +171,15 @@ def _draw_best(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_] | None
     # Right matches lie close together within the outline, which they must not cover; wrong ones lie apart.
     size = float(np.clip(400.0 / M, 2.4, 7.0))
     apart = float(np.clip(800.0 / M, 4.5, 8.0))
-    if truth is None:
-        kinds = {"best match": (np.ones(M, dtype=bool), ".", WRONG, WRONG, apart)}
-    else:
-        right = truth[queries, proposed]
-        kinds = {
-            "best match, right": (right, "o", _RIGHT_MARK, "none", size),
-            "best match, wrong": (~right, "x", WRONG, WRONG, apart),
-        }
+    right = truth[queries, proposed]
+    kinds = {
+        "best match, right": (right, "o", _RIGHT_MARK, "none", size),
+        "best match, wrong": (~right, "x", WRONG, WRONG, apart),
+    }
     marks: dict[str, Artist] = {}
     for name, (here, shape, colour, fill, points) in kinds.items():
         if here.any():
-            look: dict[str, Any] = {
-                "marker": shape,
-                "color": colour,
-                "markerfacecolor": fill,
-                "linestyle": "none",
-            }
+            look: dict[str, Any] = {"marker": shape, "color": colour, "markerfacecolor": fill, "linestyle": "none"}
             edge = float(np.clip(points / 5.0, 0.5, 1.3))
             (drawn,) = axes.plot(
                 proposed[here], queries[here], markersize=points, markeredgewidth=edge, label=name, **look
