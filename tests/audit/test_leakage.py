@@ -193,8 +193,7 @@ def test_encoding_does_not_depend_on_batches() -> None:
         posterior = model.encoder(to_input(torch.from_numpy(frames)))
     np.testing.assert_allclose(latents.z_p, posterior.mean[:, :96].numpy(), atol=1e-6)
     np.testing.assert_allclose(latents.z_c, posterior.mean[:, 96:].numpy(), atol=1e-6)
-    np.testing.assert_allclose(latents.kl_place, posterior.kl().mean(0)[:96].numpy(), rtol=1e-4, atol=1e-7)
-    np.testing.assert_allclose(latents.kl_condition, posterior.kl().mean(0)[96:].numpy(), rtol=1e-4, atol=1e-7)
+    np.testing.assert_allclose(latents.kl, posterior.kl().mean(0).numpy(), rtol=1e-4, atol=1e-7)
 
 
 def test_swap_errors_of_a_real_network_by_a_direct_computation(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -30,7 +30,7 @@ from everplace.match.similarity import similarity
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.inference import inference
 from everplace.model.pixels import to_input
-from everplace.model.posterior import ACTIVE_ABOVE
+from everplace.model.posterior import ACTIVE_ABOVE, BLOCKS, LatentSplit
 from everplace.scoring.scores import evaluate
 
 __all__ = ["Audit", "Latents", "Probe", "SwapError", "audit", "encode_frames"]
@@ -43,16 +43,24 @@ class Latents:
     """Posterior means of N frames, with the mean KL divergence of each dimension.
 
     Attributes:
-        z_p: N×96.
-        z_c: N×32.
-        kl_place: Mean KL of each dimension of z_p, in nats, (96,).
-        kl_condition: The same of z_c, (32,).
+        z: N×D, the means.
+        kl: Mean KL of each dimension, in nats, (D,).
+        split: The order of the blocks.
     """
 
-    z_p: NDArray[np.float32]
-    z_c: NDArray[np.float32]
-    kl_place: NDArray[np.float32]
-    kl_condition: NDArray[np.float32]
+    z: NDArray[np.float32]
+    kl: NDArray[np.float32]
+    split: LatentSplit
+
+    @property
+    def z_p(self) -> NDArray[np.float32]:
+        """N×96."""
+        return self.split.z_p(self.z)
+
+    @property
+    def z_c(self) -> NDArray[np.float32]:
+        """N×32."""
+        return self.split.z_c(self.z)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,10 +149,7 @@ def encode_frames(model: ConditionVAE, pixels: NDArray[np.uint8]) -> Latents:
             posterior = model.encoder(images)
             means.append(posterior.mean.cpu())
             kl += posterior.kl().sum(0)
-    z = torch.cat(means)
-    split = model.split
-    kl = (kl / len(pixels)).cpu()
-    return Latents(split.z_p(z).numpy(), split.z_c(z).numpy(), split.z_p(kl).numpy(), split.z_c(kl).numpy())
+    return Latents(torch.cat(means).numpy(), (kl / len(pixels)).cpu().numpy(), model.split)
 
 
 def audit(
@@ -168,13 +173,10 @@ def audit(
     if len(frames) < 2 or len(frames[0]) < 4:
         raise RouteError("the leakage audit needs two traverses of at least four shared places; widen --frames")
     latents = [encode_frames(model, pixels) for pixels in frames]
-    kl_place = np.mean([part.kl_place for part in latents], axis=0)
-    kl_condition = np.mean([part.kl_condition for part in latents], axis=0)
-    z = {
-        "z_p": [part.z_p for part in latents],
-        "z_c": [part.z_c for part in latents],
-        "z": [np.concatenate([part.z_p, part.z_c], axis=1) for part in latents],
-    }
+    mean_kl = model.split.blocks(np.mean([part.kl for part in latents], axis=0))
+    kl = {symbol: mean_kl[block] for block, symbol in BLOCKS.items()}
+    z = {symbol: [model.split.blocks(part.z)[block] for part in latents] for block, symbol in BLOCKS.items()}
+    z["z"] = [part.z for part in latents]
     truth = _truth(len(frames[0]), tolerance)
     return Audit(
         condition_from_z_p=_probe(z["z_p"], conditions),
@@ -182,12 +184,9 @@ def audit(
         recall_at_1={name: _recall(blocks, truth) for name, blocks in z.items()},
         recall_chance=float(truth.mean()),
         swap=_swap_error(model, frames, latents, conditions),
-        active_dimensions={
-            "z_p": int((kl_place > ACTIVE_ABOVE).sum()),
-            "z_c": int((kl_condition > ACTIVE_ABOVE).sum()),
-        },
-        kl={"z_p": float(kl_place.sum()), "z_c": float(kl_condition.sum())},
-        kl_per_dimension={"z_p": kl_place.tolist(), "z_c": kl_condition.tolist()},
+        active_dimensions={symbol: int((of_block > ACTIVE_ABOVE).sum()) for symbol, of_block in kl.items()},
+        kl={symbol: float(of_block.sum()) for symbol, of_block in kl.items()},
+        kl_per_dimension={symbol: of_block.tolist() for symbol, of_block in kl.items()},
         places=len(frames[0]),
         frames=sum(map(len, frames)),
         divided=model.config.labelled,

@@ -111,5 +111,5 @@ class ConditionVAE(nn.Module):
         Returns:
             (B, 96) float32; (B, 128) for the VAE and the CAE.
         """
-        mean = self.encoder(images).mean
+        mean: Tensor = self.encoder(images).mean
         return self.split.z_p(mean) if self.config.labelled else mean

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
+from typing import Any, TypeVar
 
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 __all__ = ["ACTIVE_ABOVE", "BLOCKS", "LatentSplit", "Posterior"]
 
 BLOCKS = {"place": "z_p", "condition": "z_c"}
 """The blocks of the latent in their order, each with its symbol in the paper."""
+
+_Array = TypeVar("_Array", Tensor, NDArray[Any])
 
 ACTIVE_ABOVE = 0.01
 """A latent dimension whose mean KL divergence is above this, in nats, is counted as active."""
@@ -30,17 +35,19 @@ class LatentSplit:
     place: int
     condition: int
 
-    def blocks(self, z: Tensor) -> dict[str, Tensor]:
-        """All blocks, (..., size), by their names in `BLOCKS`."""
-        return dict(zip(BLOCKS, torch.split(z, [self.place, self.condition], dim=-1), strict=True))
+    def blocks(self, z: _Array) -> dict[str, _Array]:
+        """All blocks of a tensor or an array, (..., size), by their names in `BLOCKS`."""
+        sizes = (self.place, self.condition)
+        ends = accumulate(sizes)
+        return {name: z[..., end - size : end] for name, size, end in zip(BLOCKS, sizes, ends, strict=True)}
 
-    def z_p(self, z: Tensor) -> Tensor:
+    def z_p(self, z: _Array) -> _Array:
         """The condition-invariant block, (..., place)."""
-        return z[..., : self.place]
+        return self.blocks(z)["place"]
 
-    def z_c(self, z: Tensor) -> Tensor:
+    def z_c(self, z: _Array) -> _Array:
         """The condition-sensitive block, (..., condition)."""
-        return z[..., self.place :]
+        return self.blocks(z)["condition"]
 
     def join(self, z_p: Tensor, z_c: Tensor) -> Tensor:
         """Builds z = [z_p, z_c] from its blocks.
