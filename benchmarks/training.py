@@ -28,7 +28,7 @@ from everplace.render.render_config import render_config
 from everplace.render.rendered_route import render_route
 from everplace.route.route import open_route
 from everplace.training.config import TrainConfig
-from everplace.training.devices import bf16_is_fast, launch, torch_settings_kept
+from everplace.training.devices import bf16_is_fast, deterministic_training, launch
 from everplace.training.display import Display
 from everplace.training.frames import Batch, SplitRoute, TrainingFrames, split_route
 from everplace.training.freed_memory import freed_memory_kept
@@ -110,7 +110,7 @@ def _loop_steps(
 ) -> list[float]:
     clock = _Clock()
     keeper = RunKeeper(scratch, config, split, "", RunProgress(), save_every=math.inf)
-    with torch_settings_kept() if DEVICE.type == "cuda" else contextlib.nullcontext():
+    with deterministic_training() if DEVICE.type == "cuda" else contextlib.nullcontext():
         fabric = launch(1, 1)
         optimizer = make_optimizer(model.to(fabric.device), config)
         with contextlib.suppress(_EnoughError):

@@ -26,9 +26,9 @@ from everplace.training.config import TrainConfig
 from everplace.training.devices import (
     _interruptible,
     bf16_is_fast,
+    deterministic_training,
     own_device,
     require_devices,
-    torch_settings_kept,
 )
 from everplace.training.fit import train
 from everplace.training.frames import TrainingFrames, split_route
@@ -81,7 +81,7 @@ def test_the_settings_of_torch_come_back(monkeypatch: pytest.MonkeyPatch, worksp
         monkeypatch.setenv("CUBLAS_WORKSPACE_CONFIG", workspace)
     filling: Any = torch.utils.deterministic
     torch.backends.cudnn.benchmark = True
-    with torch_settings_kept():
+    with deterministic_training():
         assert os.environ["CUBLAS_WORKSPACE_CONFIG"] == (workspace or ":4096:8")
         assert not filling.fill_uninitialized_memory
         torch.use_deterministic_algorithms(True)

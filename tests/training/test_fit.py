@@ -24,7 +24,7 @@ from everplace.route.route import Route, open_route
 from everplace.training import devices, fit
 from everplace.training.config import TrainConfig
 from everplace.training.fit import TrainSummary, train
-from everplace.training.frames import fingerprint, split_route
+from everplace.training.frames import images_fingerprint, split_route
 from everplace.training.metrics_table import MetricsTable, read_metrics
 from everplace.training.resume_state import RunProgress, load_state, save_state
 from everplace.training.run_keeper import CollapseWarning, RunKeeper
@@ -77,7 +77,7 @@ def test_a_run_leaves_checkpoint_configuration_and_metrics(
         "epoch": summary.best_epoch,
         "criterion": "held_out_recall_at_1",
         "value": summary.best_value,
-        "images": fingerprint(split_route(route, config)),
+        "images": images_fingerprint(split_route(route, config)),
         "trained_stems": [str(place) for place in range(8)],
         "held_out_stems": ["10", "11"],
     }

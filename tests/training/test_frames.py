@@ -16,7 +16,7 @@ from everplace.errors import ConfigError, RouteError
 from everplace.route.route import Route, open_route
 from everplace.training.augment import Augmentation
 from everplace.training.config import TrainConfig
-from everplace.training.frames import FrameBlock, SplitRoute, TrainingFrames, fingerprint, split_route
+from everplace.training.frames import FrameBlock, SplitRoute, TrainingFrames, images_fingerprint, split_route
 
 MakeConfig = Callable[..., TrainConfig]
 
@@ -138,9 +138,9 @@ def test_devices_share_out_the_same_batches(world: int) -> None:
 
 
 def test_a_device_needs_two_frames() -> None:
-    some_frames(40, 8, seed=0).require_shares(4)
+    some_frames(40, 8, seed=0).require_frames_per_device(4)
     with pytest.raises(ConfigError, match="a batch of 8 frames is too small for 5 devices, which need two each"):
-        some_frames(40, 8, seed=0).require_shares(5)
+        some_frames(40, 8, seed=0).require_frames_per_device(5)
 
 
 def test_the_fingerprint_tells_pixels_stems_labels_and_division_apart() -> None:
@@ -150,8 +150,8 @@ def test_the_fingerprint_tells_pixels_stems_labels_and_division_apart() -> None:
     changed[-1, -1, -1] ^= 1
     block = FrameBlock(pixels, 0, stems)
     same = FrameBlock(pixels.copy(), 0, stems)
-    first = fingerprint(SplitRoute(("a", "b"), (block,), (block,), True))
-    assert fingerprint(SplitRoute(("a", "b"), (same,), (same,), True)) == first
+    first = images_fingerprint(SplitRoute(("a", "b"), (block,), (block,), True))
+    assert images_fingerprint(SplitRoute(("a", "b"), (same,), (same,), True)) == first
     others = [
         SplitRoute(("a", "b"), (FrameBlock(changed, 0, stems),), (block,), True),
         SplitRoute(("a", "b"), (block,), (FrameBlock(changed, 0, stems),), True),
@@ -162,7 +162,7 @@ def test_the_fingerprint_tells_pixels_stems_labels_and_division_apart() -> None:
         SplitRoute(("a", "b"), (block,), (block,), False),
         SplitRoute(("a", "b"), (block, block), (), True),
     ]
-    assert len({first, *map(fingerprint, others)}) == 1 + len(others)
+    assert len({first, *map(images_fingerprint, others)}) == 1 + len(others)
 
 
 def test_a_cuda_device_gets_the_same_batches_page_locked(monkeypatch: pytest.MonkeyPatch) -> None:

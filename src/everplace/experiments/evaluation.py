@@ -52,7 +52,7 @@ class Evaluation:
     Attributes:
         result: Scores, curve and similarity.
         audit: The leakage audit; None unless the method is of the VAE family and the traverses are aligned.
-        ms_per_image: Description alone, see `everplace.describe.pipeline.time_describer`.
+        ms_per_image: Description alone, see `everplace.describe.costs.time_describer`.
         trained_places: Tested stems that the model was trained on or chosen by.
         source: The method as it was given, such as the path of a run.
     """

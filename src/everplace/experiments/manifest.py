@@ -50,7 +50,8 @@ DEFINITIONS = {
 
 _FORMAT = 2
 _LIBRARIES = (
-    "everplace", "h5py", "lightning", "numpy", "onnxruntime", "pillow", "safetensors", "scikit-learn", "scipy", "torch",
+    "everplace", "h5py", "lightning-fabric", "numpy", "onnxruntime", "pillow", "safetensors", "scikit-learn", "scipy",
+    "torch",
 )  # fmt: skip
 _NOT_OF_THE_STUDY = ("methods", "left_out", "fit", "command")
 """With what methods are fitted stands in the config.toml of their runs, and other values are refused there."""

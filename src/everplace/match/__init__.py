@@ -1,1 +1,1 @@
-"""Compares descriptors: similarity, standardisation, sequences, best matches and the files for them."""
+"""Compares descriptors: similarity, standardisation, best matches and the files for them."""

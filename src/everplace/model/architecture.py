@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from everplace.adapt.oriented_gradients import OrientedGradients
 from everplace.model.model_config import ModelConfig
-from everplace.model.posterior import Posterior
+from everplace.model.posterior import LatentSplit, Posterior
 
 __all__ = [
     "Decoder",
@@ -129,6 +129,7 @@ class Encoder(nn.Module):
         flattened = CONVOLUTIONS[-1] * height * width
         widths = (flattened, *hidden_widths(flattened, fully_connected=config.fully_connected))
         self.fully_connected = nn.ModuleList(_linear(a, b) for a, b in pairwise(widths))
+        self.split = LatentSplit(config.place_dimensions, config.condition_dimensions)
         self.gradients = OrientedGradients(config.height, config.width) if config.oriented_gradients else None
         self.place_projection: nn.Linear | None = None
         read_off = config.latent_dimensions
@@ -159,7 +160,7 @@ class Encoder(nn.Module):
         if self.gradients is not None and self.place_projection is not None:
             # The projection is a difference of many large numbers, too fine for bfloat16.
             with torch.autocast(images.device.type, enabled=False):
-                mean = torch.cat((self.place_projection(self.gradients(images)), mean), dim=1)
+                mean = self.split.join(self.place_projection(self.gradients(images)), mean)
         # A bounded log-variance keeps exp() finite in the first steps; +-10 is far outside what training reaches.
         log_variance = self.z_log_variance(x).float().clamp(-10.0, 10.0)
         return Posterior(mean, log_variance)

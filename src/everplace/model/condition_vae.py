@@ -23,8 +23,8 @@ class Output:
         posterior: q(z|x).
         z: The sample, (B, D).
         reconstruction: Mean of p(x|z), (B, C, H, W), float32.
-        condition_logits: (B, conditions), None for the VAE.
-        place_logits: (B, places), None unless the model has classes of places.
+        condition_logits: (B, conditions); None for the VAE and the CAE.
+        place_logits: (B, places); None unless the model is a CP-VAE.
     """
 
     posterior: Posterior

@@ -23,7 +23,7 @@ class PlaceHead(nn.Module):
     """
 
     KEPT = 0.5
-    """Share of a place's vector that one of its frames leaves as it is."""
+    """Share of a place's vector that one step leaves as it is."""
 
     places: Tensor
 

@@ -1,1 +1,1 @@
-"""Says how good a method is: scores of a similarity matrix against the truth, and what its code leaks."""
+"""Says how good a method is: from a route, two traverses and a method to scores."""

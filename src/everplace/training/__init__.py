@@ -1,1 +1,1 @@
-"""Training on Lightning: configuration, frames, the module, validation by retrieval, and exact resuming."""
+"""From a route to a run: configuration, frames, the step, the loop, validation by retrieval, exact resuming."""

@@ -47,7 +47,7 @@ class PlaceProjection(Settings):
 
 
 class FitConfig(Settings):
-    """What every method that is fitted is told: itself, what of the route it is fitted on, and its seed."""
+    """Settings shared by all methods that are fitted."""
 
     model: str
     """The method's name."""

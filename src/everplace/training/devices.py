@@ -20,7 +20,7 @@ from torch import Tensor
 from everplace.errors import ConfigError
 from everplace.model.inference import default_device
 
-__all__ = ["bf16_is_fast", "launch", "of_all_devices", "own_device", "require_devices", "torch_settings_kept"]
+__all__ = ["bf16_is_fast", "deterministic_training", "launch", "of_all_devices", "own_device", "require_devices"]
 
 _WORKSPACE = "CUBLAS_WORKSPACE_CONFIG"
 
@@ -58,7 +58,7 @@ def own_device(processes: int) -> torch.device:
 
 
 @contextmanager
-def torch_settings_kept() -> Iterator[None]:
+def deterministic_training() -> Iterator[None]:
     """Has CUDA devices compute deterministically while it is open, and then undoes what that set for the whole process.
 
     cuBLAS's deterministic workspace is set, since torch looks for it at the first multiplication on a CUDA device; new

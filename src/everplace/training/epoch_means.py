@@ -11,8 +11,7 @@ from torch import Tensor
 
 from everplace.errors import DivergedError
 from everplace.model.bounds import soft_clipped_log_sigma
-from everplace.model.condition_vae import ConditionVAE
-from everplace.model.posterior import ACTIVE_ABOVE
+from everplace.model.posterior import ACTIVE_ABOVE, LatentSplit
 
 __all__ = ["EpochMeans", "require_finite"]
 
@@ -29,22 +28,20 @@ class EpochMeans:
         self._sums = {name: self._sums.get(name, 0.0) + mean for name, mean in means.items()}
         self._steps += 1
 
-    def row(self, fabric: Fabric, model: ConditionVAE) -> dict[str, float]:
-        """Means of the terms over the epoch and over all devices, sigma, and active dimensions.
-
-        The sigma that training reached is fixed in the model from here on: a bound is only ever evaluated with it.
-        """
-        means = {name: self._mean(fabric, total) for name, total in self._sums.items()}
-        kl, square = means.pop("kl_dimensions", None), means.pop("square")
-        row = {name: float(mean) for name, mean in means.items()}
-        if kl is not None:
-            active = model.split.blocks(kl > ACTIVE_ABOVE)
+    def row(self, fabric: Fabric, split: LatentSplit) -> dict[str, float]:
+        """Means of the terms over the epoch and over all devices, and the active dimensions of each block."""
+        row = {name: float(self._mean(fabric, name)) for name in self._sums if name not in ("square", "kl_dimensions")}
+        if "kl_dimensions" in self._sums:
+            active = split.blocks(self._mean(fabric, "kl_dimensions") > ACTIVE_ABOVE)
             row |= {f"active_{block}": float(dimensions.sum()) for block, dimensions in active.items()}
-        model.log_sigma.copy_(soft_clipped_log_sigma(square))
-        return {**row, "sigma": float(model.log_sigma.exp())}
+        return row
 
-    def _mean(self, fabric: Fabric, total: Tensor) -> Tensor:
-        over_devices: Any = fabric.all_reduce(total.clone(), reduce_op="mean")
+    def log_sigma(self, fabric: Fabric) -> Tensor:
+        """The log sigma that the epoch's squared error asks for, a scalar."""
+        return soft_clipped_log_sigma(self._mean(fabric, "square"))
+
+    def _mean(self, fabric: Fabric, name: str) -> Tensor:
+        over_devices: Any = fabric.all_reduce(self._sums[name].clone(), reduce_op="mean")
         return torch.as_tensor(over_devices) / self._steps
 
 

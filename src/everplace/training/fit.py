@@ -11,14 +11,14 @@ from pydantic import ValidationError
 
 from everplace.errors import ConfigError
 from everplace.model.condition_vae import ConditionVAE
-from everplace.model.model_config import ModelConfig
+from everplace.model.model_config import LABELLED_KINDS, ModelConfig
 from everplace.progress import Progress, quiet
 from everplace.route.route import Route
 from everplace.settings import first_problem
 from everplace.training.config import TrainConfig
-from everplace.training.devices import launch, own_device, require_devices, torch_settings_kept
+from everplace.training.devices import deterministic_training, launch, own_device, require_devices
 from everplace.training.display import Display, TrainingDisplay
-from everplace.training.frames import SplitRoute, TrainingFrames, fingerprint, require_enough_frames, split_route
+from everplace.training.frames import SplitRoute, TrainingFrames, images_fingerprint, require_enough_frames, split_route
 from everplace.training.freed_memory import freed_memory_kept
 from everplace.training.loop import run_epochs
 from everplace.training.place_projection import fit_place_projection
@@ -109,22 +109,22 @@ def train(
     chosen = require_trainable(route, config, progress)
     split = split_route(chosen, config, progress)
     frames = TrainingFrames(split, config.augmentation, config.batch_size, config.seed)
-    frames.require_shares(processes)
-    images = fingerprint(split, progress)
-    with locked_run(out, processes), freed_memory_kept(), torch_settings_kept():
+    frames.require_frames_per_device(processes)
+    images = images_fingerprint(split, progress)
+    with locked_run(out, processes), freed_memory_kept(), deterministic_training():
         state = prepare_run(out, config, resume, processes)
         if state is not None:
             require_same_images(state, images, out, route.root)
-        end = state.progress if state is not None else RunProgress()
-        if not end.finished:
-            keeper = RunKeeper(out, config, split, images, end, save_every)
+        reached = state.progress if state is not None else RunProgress()
+        if not reached.finished:
+            keeper = RunKeeper(out, config, split, images, reached, save_every)
             model = _model(split, config, state, own_device(processes), progress)
             fabric = launch(devices, nodes, show=bool(show))
             optimizer = make_optimizer(model.to(fabric.device), config, state.optimizer if state is not None else None)
             measure = partial(validate, split=split, tolerance=config.tolerance, weights=config.weights)
             with _display(config, show if leads(processes) else False) as display:
                 run_epochs(fabric, model, optimizer, frames, measure, config, keeper, display)
-            end = keeper.progress
+            reached = keeper.progress
             if fabric.is_global_zero:
                 keeper.finish()
     return TrainSummary(
@@ -132,20 +132,20 @@ def train(
         model=config.model,
         recipe=config.recipe,
         remedies=tuple(config.remedies_in_use()),
-        epochs=end.epoch,
-        seconds=end.seconds,
+        epochs=reached.epoch,
+        seconds=reached.seconds,
         frames=frames.frames,
         places=split.places,
         held_out=sum(len(block.pixels) for block in split.held_out),
         conditions=split.conditions,
         criterion=criterion_name(split, config),
-        best_epoch=end.best_epoch,
-        best_value=end.best_value,
+        best_epoch=reached.best_epoch,
+        best_value=reached.best_value,
     )
 
 
 def require_trainable(route: Route, config: TrainConfig, progress: Progress = quiet) -> Route:
-    """What of a route a model is trained on, before its frames are decoded, which may take hours.
+    """Chooses what of a route a model is trained on, and checks it before the slow decoding.
 
     Args:
         route: An opened route; the configuration chooses from it.
@@ -170,7 +170,7 @@ def _model_config(conditions: tuple[str, ...], places: int, config: TrainConfig)
             height=height,
             width=width,
             channels=1 if config.grey else 3,
-            conditions=conditions if config.model in ("c-vae", "cp-vae") else (),
+            conditions=conditions if config.model in LABELLED_KINDS else (),
             places=places if config.model == "cp-vae" else 0,
             place_term=config.place_term,
             fully_connected=config.fully_connected,

@@ -7,11 +7,10 @@ however many frames there are. Sources: `everplace.describe.runs.fabmap`.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -28,7 +27,7 @@ from everplace.images.decoding import ImageSpec, decode_images
 from everplace.locking import locked
 from everplace.model.provenance import TRAINED_STEMS
 from everplace.progress import Progress, quiet
-from everplace.route.fingerprint import file_digests
+from everplace.route.fingerprint import file_digests, fingerprint
 from everplace.route.route import Route
 from everplace.training.config import FitConfig
 from everplace.training.resume_state import RunProgress, load_state, save_state
@@ -190,8 +189,4 @@ def _vocabulary(features: NDArray[np.uint8], config: FabMapTrainConfig) -> NDArr
 def _fingerprint(route: Route, progress: Progress) -> str:
     """SHA-256, in hex, of all images with their conditions and stems."""
     labels = [(traverse.condition, traverse.stems) for traverse in route.traverses]
-    digest = hashlib.sha256(json.dumps(labels).encode())
-    for traverse in route.traverses:
-        for some in file_digests(traverse, progress):
-            digest.update(some)
-    return digest.hexdigest()
+    return fingerprint(labels, chain.from_iterable(file_digests(traverse, progress) for traverse in route.traverses))

@@ -1,4 +1,4 @@
-"""Which methods are fitted, and by what: networks by Lightning, FAB-MAP by counting."""
+"""Which methods are fitted, and by what: networks by the training loop, FAB-MAP by counting."""
 
 from __future__ import annotations
 

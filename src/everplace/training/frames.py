@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -17,6 +15,7 @@ from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.images.decoding import ImageSpec, map_ahead
 from everplace.progress import Progress, quiet
+from everplace.route.fingerprint import fingerprint
 from everplace.route.pack import pack
 from everplace.route.route import Route
 from everplace.route.traverse import Traverse
@@ -28,7 +27,7 @@ __all__ = [
     "FrameBlock",
     "SplitRoute",
     "TrainingFrames",
-    "fingerprint",
+    "images_fingerprint",
     "require_enough_frames",
     "split_route",
 ]
@@ -142,18 +141,19 @@ def _parts(traverse: Traverse, config: TrainConfig) -> tuple[slice, slice]:
     return slice(end), slice(total - kept_out, total)
 
 
-def fingerprint(split: SplitRoute, progress: Progress = quiet) -> str:
+def images_fingerprint(split: SplitRoute, progress: Progress = quiet) -> str:
     """SHA-256, in hex, of all images and labels that training and the choice of the epoch see.
 
     Wherever the route lies and whatever its traverses are called, the same images give the same fingerprint.
     """
     blocks = (*split.training, *split.held_out)
     labels = [(block.condition, block.pixels.shape, block.stems) for block in blocks]
-    digest = hashlib.sha256(json.dumps([split.conditions, split.aligned, len(split.training), labels]).encode())
     parts = [(block, start) for block in blocks for start in range(0, len(block.pixels), _FRAMES_A_BLOCK)]
-    for block, start in progress(parts, "fingerprint of the images", len(parts)):
-        digest.update(np.ascontiguousarray(block.pixels[start : start + _FRAMES_A_BLOCK]).data)
-    return digest.hexdigest()
+    pixels = (
+        np.ascontiguousarray(block.pixels[start : start + _FRAMES_A_BLOCK]).data
+        for block, start in progress(parts, "fingerprint of the images", len(parts))
+    )
+    return fingerprint([split.conditions, split.aligned, len(split.training), labels], pixels)
 
 
 class TrainingFrames:
@@ -212,7 +212,7 @@ class TrainingFrames:
         places = rows if self._aligned else np.full_like(rows, -1)
         return Batch(torch.from_numpy(np.stack(images)), torch.from_numpy(conditions), torch.from_numpy(places))
 
-    def require_shares(self, devices: int) -> None:
+    def require_frames_per_device(self, devices: int) -> None:
         """Refuses batches of which a device would get too little to learn from.
 
         Args:

@@ -33,7 +33,7 @@ def run_epochs(
     keeper: RunKeeper,
     display: Display,
 ) -> None:
-    """Trains a model from where the keeper's run stands to its end.
+    """Trains a model for the epochs that remain after `keeper.progress`.
 
     Everything random is a function of (seed, epoch, step), so a run that was killed and resumed repeats what was lost.
 
@@ -52,24 +52,24 @@ def run_epochs(
         StorageError: The run directory cannot be written to.
     """
     bound = BoundStep(model, config.seed, config.place_spread, fabric.global_rank, fabric.world_size)
-    step, stepper = fabric.setup(bound, optimizer)
+    step, fabric_optimizer = fabric.setup(bound, optimizer)
     clock = RunClock(config, len(frames), keeper.progress.seconds, shared=fabric.broadcast)
     model.train()
     epoch, stopped = keeper.progress.epoch, False
     while not stopped:
-        means, kept = EpochMeans(), keeper.progress.best_epoch > 0
+        means, has_checkpoint = EpochMeans(), keeper.progress.best_epoch > 0
         display.begin_epoch(epoch, len(frames))
         for index, batch in enumerate(frames.batches(epoch, fabric.global_rank, fabric.world_size, fabric.device)):
             done = clock.done(epoch, index)  # of the run, in [0, 1]
             set_learning_rate(optimizer, learning_rate(config, done))
             weights = kl_warm_up(config, epoch + (index + 1) / len(frames))
-            loss, measured, z_p = step(batch, epoch * len(frames) + index, weights)  # scalar, means, (B, 96)
+            loss, measured, z_p = step(batch, epoch * len(frames) + index, weights)  # scalar, means, (B, P)
             if not torch.isfinite(loss):
-                require_finite({**measured, "loss": loss}, epoch + 1, has_checkpoint=kept)
-            stepper.zero_grad()
+                require_finite({**measured, "loss": loss}, epoch + 1, has_checkpoint=has_checkpoint)
+            fabric_optimizer.zero_grad()
             fabric.backward(loss)
             clip_grad_norm_(model.parameters(), GRADIENT_NORM)
-            stepper.step()
+            fabric_optimizer.step()
             if model.place_head is not None:
                 model.place_head.follow(*of_all_devices(fabric, z_p, batch.places))
             means.add(measured)
@@ -78,13 +78,14 @@ def run_epochs(
                 break
         epoch += 1
         stopped = done >= 1.0 or epoch == config.epochs
-        # No later loss would tell of what the epoch's last step did.
-        require_finite(model.state_dict(), epoch, has_checkpoint=kept)
-        row = {"epoch": float(epoch), "seconds": clock.seconds, **means.row(fabric, model)}
-        row["learning_rate"] = float(optimizer.param_groups[0]["lr"])
+        # No later loss tells what the epoch's last step did to the weights.
+        require_finite(model.state_dict(), epoch, has_checkpoint=has_checkpoint)
+        model.log_sigma.copy_(means.log_sigma(fabric))  # fixed: a bound is only ever evaluated with it
+        row = {"epoch": float(epoch), "seconds": clock.seconds, **means.row(fabric, model.split)}
+        row |= {"sigma": float(model.log_sigma.exp()), "learning_rate": float(optimizer.param_groups[0]["lr"])}
         if epoch % config.validate_every == 0 or stopped:
             row |= (held_out := validate(model))
-            require_finite(held_out, epoch, has_checkpoint=kept)
+            require_finite(held_out, epoch, has_checkpoint=has_checkpoint)
         if fabric.is_global_zero:
             keeper.keep(model, optimizer, row, last=stopped)
         keeper.progress = fabric.broadcast(keeper.progress)

@@ -36,7 +36,7 @@ def fit_place_projection(
 ) -> None:
     """Sets `model.encoder.place_projection` to the discriminant of the training places.
 
-    Every place is taken in as it is and in a mirror, where it is another place. Beside the differences of the
+    Every place is used twice, as it is and mirrored, where it is another place. Beside the differences of the
     traverses at a place, two things count as differences within places: what the traverses differ by along whole
     stretches, and what other light would change (`_OTHER_LIGHT`). Both were chosen on held-out places, for z_p to
     tell less of the condition.

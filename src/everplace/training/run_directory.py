@@ -64,7 +64,7 @@ def require_usable(out: Path, config: FitConfig, resume: bool, processes: int = 
         ConfigError: `out` is a file, or holds another run (OtherRunError if it would be resumed).
         CheckpointError: The configuration of what should be resumed is damaged.
     """
-    # A configuration alone, of a run that failed or was stopped in its first epoch, keeps nobody from another one.
+    # A configuration alone, of a run that failed or was stopped in its first epoch, does not block a new run.
     began = has_tensors(out, CHECKPOINT_NAME) or has_state(out)
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out {readable(out)} is a file; name a directory for the run")

@@ -108,7 +108,7 @@ class RunKeeper:
         self._writer.flush()
 
     def finish(self) -> None:
-        """Says that nothing is left to do; a finished run keeps nothing to resume from."""
+        """Marks the run finished, and drops what only resuming needs."""
         save_state(self._out, self.progress.model_copy(update={"finished": True}), None, None, self._images)
 
     def _warn_of_collapse(self, row: dict[str, float], *, last: bool) -> None:

@@ -40,7 +40,7 @@ class BoundStep(nn.Module):
             model: The network, on its device.
             seed: Of the noise.
             place_spread: Standard deviation of the softened place target, in places; 0: one class a frame.
-            rank: Which of `world` devices this one is, of whose frames and noise it has its part.
+            rank: Index of this device; it takes every `world`-th frame and row of the noise.
             world: Devices on all machines.
         """
         super().__init__()

@@ -77,13 +77,13 @@ def validate(model: ConditionVAE, split: SplitRoute, tolerance: int, weights: We
     return measured
 
 
-def _encode(model: ConditionVAE, block: FrameBlock, weights: Weights, salt: int) -> tuple[Tensor, Tensor]:
+def _encode(model: ConditionVAE, block: FrameBlock, weights: Weights, seed: int) -> tuple[Tensor, Tensor]:
     """Descriptors (N, D) and bounds (N,) of a block, on the CPU."""
     device = model.log_sigma.device
     descriptors, bounds = [], []
     for start in range(0, len(block.pixels), _BATCH):
         images = to_input(torch.from_numpy(block.pixels[start : start + _BATCH].copy()).to(device))
-        noise = step_noise(salt, start, len(images), model.config.latent_dimensions).to(device)
+        noise = step_noise(seed, start, len(images), model.config.latent_dimensions).to(device)
         output = model(images, noise)
         conditions = torch.full((len(images),), block.condition, device=device)
         terms = bound_terms(model, images, output, model.log_sigma, conditions, None, weights)
