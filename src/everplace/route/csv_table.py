@@ -12,9 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.errors import RouteError
-from everplace.files import readable
+from everplace.files import open_regular_text, readable
 
 __all__ = ["TableRow", "read_columns", "read_frames", "read_table"]
+
+
+_LARGEST = 1e30  # its square, and a sum of such, is still a number
 
 
 class TableRow(NamedTuple):
@@ -50,7 +53,7 @@ def read_table(path: Path, key: str, numbers: Sequence[str], remedy: str) -> Ite
         RouteError: The file is missing or malformed, lacks a column, or holds a number that is not finite.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with open_regular_text(path) as file:
             lines = csv.reader(file, strict=True)
             columns = _find_columns(path, lines, (key, *numbers))
             for number, line in enumerate(lines, start=2):
@@ -105,7 +108,7 @@ def read_columns(path: Path) -> list[str]:
         RouteError: The file is missing or no UTF-8 CSV file.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with open_regular_text(path) as file:
             return [name.strip() for name in next(csv.reader(file, strict=True), [])]
     except OSError as error:
         raise RouteError(f"cannot read {readable(path)}: {error.strerror or error}; check the file") from error
@@ -133,6 +136,8 @@ def _read_row(path: Path, number: int, line: list[str], columns: list[int], name
         ) from error
     if not all(map(math.isfinite, row.numbers)):
         raise row.wrong("holds a number that is not finite; correct it or leave the frame out")
+    if any(abs(number) > _LARGEST for number in row.numbers):
+        raise row.wrong(f"holds a number beyond ±{_LARGEST:g}, which nothing can be computed with; correct it")
     return row
 
 
