@@ -22,7 +22,7 @@ from everplace.experiments.latent_report import LATENT_PICTURES, audit_section, 
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.recipe_names import ingredient_metrics, named_ingredients, named_method
 from everplace.experiments.retrieval_pictures import match_figure, matrix_figure
-from everplace.files import remove_file, write_json
+from everplace.files import filled_directory, remove_file, write_json
 from everplace.match.standardise import require_standardisable
 from everplace.plots.canvas import save_figure
 from everplace.plots.interactive import precision_recall_figure
@@ -164,8 +164,17 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
     """Writes DIR/metrics.json, the pictures and report.html, over those of an earlier evaluation.
 
     Raises:
-        StorageError: Writing failed.
+        StorageError: Writing failed; what stood in DIR stands as it was.
     """
+    with filled_directory(out) as directory:
+        pictures = _fill(directory, evaluation, details)
+        if (out / _METRICS).is_file():  # of an earlier evaluation, perhaps of another method
+            for name in set(LATENT_PICTURES) - set(pictures):
+                remove_file(out / name)
+
+
+def _fill(out: Path, evaluation: Evaluation, details: dict[str, str]) -> list[str]:
+    """Writes the files of an evaluation, and returns the names of the pictures of the latent."""
     pair, result = evaluation.pair, evaluation.result
     asked = pair_words(pair.query.name, pair.database.name)
     label = named_method(result.method, evaluation.describer.settings())
@@ -210,11 +219,9 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
         pictures = latent_section(section, model, evaluation.route, out, label)
     section = report.section("How it was measured")
     section.table(["what", "definition"], _how(evaluation))
-    if (out / _METRICS).is_file():  # of an earlier evaluation, perhaps of another method
-        for name in set(LATENT_PICTURES) - set(pictures):
-            remove_file(out / name)
     report.write(out / "report.html")
     write_json(out / _METRICS, evaluation.metrics())
+    return pictures
 
 
 def _how(evaluation: Evaluation) -> list[list[Value]]:
