@@ -82,7 +82,7 @@ def read_regular(path: Path) -> bytes:
 
 def _open_regular(path: Path) -> BinaryIO:
     # Path.open has no opener.
-    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | _WITHOUT_WAITING))
+    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | _WITHOUT_WAITING))  # noqa: SIM115
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
         raise OSError(errno.EINVAL, "it is a device, a FIFO or a socket, not a regular file", str(path))
