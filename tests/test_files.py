@@ -6,14 +6,27 @@ import errno
 import json
 import os
 import socket
+import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from everplace.errors import ConfigError, StorageError
-from everplace.files import remove_leftovers, whole_directory, whole_file, write_json, write_text
+from everplace.errors import ConfigError, InputError, StorageError
+from everplace.files import (
+    STANDARD_OUTPUT,
+    filled_directory,
+    remove_leftovers,
+    whole_directory,
+    whole_file,
+    write_json,
+    write_text,
+)
+from everplace.route.csv_table import read_poses
+from everplace.route.route_toml import read_route_toml
+from everplace.tensor_file import load_tensors
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no FIFOs in directories")
 
@@ -94,3 +107,133 @@ def test_a_link_that_leads_to_itself_is_replaced(tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to("loop")
     write_text(tmp_path / "loop", "text")
     assert (tmp_path / "loop").read_text() == "text"
+
+
+def _fifo(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def _device(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+def _socket(path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(path))
+
+
+@pytest.mark.parametrize("put", [_fifo, _device, _socket])
+@pytest.mark.parametrize("reader", ["route.toml", "checkpoint.json", "poses.csv"])
+def test_what_is_no_regular_file_is_refused_by_every_reader(
+    tmp_path: Path, put: Callable[[Path], None], reader: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # the path of a socket is short
+    put(Path(reader))
+    readers: dict[str, Callable[[], object]] = {
+        "route.toml": lambda: read_route_toml(tmp_path),
+        "checkpoint.json": lambda: load_tensors(tmp_path, "checkpoint", 1),
+        "poses.csv": lambda: read_poses(tmp_path / "poses.csv", ["a"]),
+    }
+    with pytest.raises(InputError, match=f"{reader}.*(not a regular file|No such device)"):
+        readers[reader]()
+
+
+@pytest.mark.parametrize("number", ["1e308", "-1e308", "1e31"])
+def test_a_pose_that_nothing_can_be_computed_with_is_refused(tmp_path: Path, number: str) -> None:
+    (tmp_path / "poses.csv").write_text(f"stem,x,y,heading\na,{number},0,0\n")
+    with pytest.raises(InputError, match="poses.csv, row 2 holds a number beyond"):
+        read_poses(tmp_path / "poses.csv", ["a"])
+
+
+@pytest.mark.parametrize("name", ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "link"])
+def test_an_open_file_is_not_replaced(tmp_path: Path, name: str) -> None:
+    log, link = tmp_path / "log", tmp_path / "link"
+    log.write_text("before\n")
+    link.symlink_to("/dev/stdout")
+    code = f"from everplace.files import *; from pathlib import Path; write_text(Path({str(tmp_path / name)!r}), 'new')"
+    with log.open("a") as file:
+        ended = subprocess.run([sys.executable, "-c", code], stdout=file, stderr=subprocess.PIPE, text=True)
+    assert "is a device, a FIFO or a socket" in ended.stderr
+    assert log.read_text() == "before\n"
+
+
+def test_a_file_in_the_memory_of_dev_is_written() -> None:
+    directory = Path("/dev/shm")
+    if not os.access(directory, os.W_OK):
+        pytest.skip("needs /dev/shm")
+    path = directory / f"everplace-{os.getpid()}"
+    write_text(path, "new")
+    assert path.read_text() == "new"
+    path.unlink()
+
+
+def test_a_dash_is_standard_output(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="half"), whole_file(STANDARD_OUTPUT) as temporary:
+        temporary.write_text("half")
+        raise ValueError("half")
+    write_text(STANDARD_OUTPUT, "Fähre\n")
+    assert capfdbinary.readouterr().out == "Fähre\n".encode()
+
+
+_KILLED = """
+import os, signal, sys
+from pathlib import Path
+from everplace.files import *
+with {call} as temporary:
+    (temporary / "a").write_text("half") if temporary.is_dir() else temporary.write_text("half")
+    print(temporary, flush=True)
+    {end}
+"""
+
+
+@pytest.mark.parametrize(
+    "call", ["whole_file(Path('a.csv'))", "whole_directory(Path('d'))", "filled_directory(Path())"]
+)
+def test_what_a_killed_process_left_is_swept_and_the_work_of_a_living_one_stays(tmp_path: Path, call: str) -> None:
+    killed = _KILLED.format(call=call, end="os.kill(os.getpid(), signal.SIGKILL)")
+    subprocess.run([sys.executable, "-c", killed], cwd=tmp_path, stdout=subprocess.PIPE)
+    (left,) = tmp_path.iterdir()
+    living = _KILLED.format(call=call, end="sys.stdin.read()")
+    with subprocess.Popen(
+        [sys.executable, "-c", living], cwd=tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        working = tmp_path / process.stdout.readline().strip()
+        assert not left.exists()
+        code = "from pathlib import Path; from everplace.files import *; write_text(Path('other.txt'), '')"
+        subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
+        assert working.exists()
+        process.communicate()
+    assert not working.exists()
+
+
+def test_what_another_machine_left_is_swept_after_a_day(tmp_path: Path) -> None:
+    foreign = tmp_path / f".a.{os.getpid()}-00000000.part.csv"
+    foreign.write_text("")
+    write_text(tmp_path / "b", "")
+    assert foreign.exists()
+    os.utime(foreign, (0, 0))
+    subprocess.run(
+        [sys.executable, "-c", "from everplace.files import *; from pathlib import Path; write_text(Path('c'), '')"],
+        cwd=tmp_path,
+        check=True,
+    )
+    assert not foreign.exists()
+
+
+def test_a_directory_is_filled_whole_or_not_at_all(tmp_path: Path) -> None:
+    out = tmp_path / "new" / "out"
+    with pytest.raises(ValueError, match="half"), filled_directory(out) as directory:
+        (directory / "a").write_text("half")
+        raise ValueError("half")
+    assert not out.exists()
+    out.mkdir()
+    (out / "a").write_text("old")
+    (out / "mine").write_text("mine")
+    with pytest.raises(ValueError, match="half"), filled_directory(out) as directory:
+        (directory / "a").write_text("half")
+        raise ValueError("half")
+    assert {path.name: path.read_text() for path in out.iterdir()} == {"a": "old", "mine": "mine"}
+    with filled_directory(out) as directory:
+        (directory / "a").write_text("new")
+    assert {path.name: path.read_text() for path in out.iterdir()} == {"a": "new", "mine": "mine"}

@@ -13,7 +13,9 @@ import pytest
 import torch
 from torch import Tensor
 
+from everplace import tensor_file
 from everplace.errors import CheckpointError, StorageError
+from everplace.files import read_regular
 from everplace.tensor_file import has_tensors, load_tensors, save_tensors
 
 
@@ -185,16 +187,15 @@ def test_killed_between_the_two_files_the_old_pair_is_loaded_and_the_next_save_t
 
 def test_a_pair_replaced_while_it_is_read_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = saved(tmp_path, 1.0)
-    read_text = Path.read_text
     writes = iter([2.0])
 
-    def read_then_replaced(self: Path, *arguments: Any) -> str:
-        text = read_text(self, *arguments)
+    def read_then_replaced(path: Path) -> bytes:
+        data = read_regular(path)
         for value in writes:
             saved(tmp_path, value)
-        return text
+        return data
 
-    monkeypatch.setattr(Path, "read_text", read_then_replaced)
+    monkeypatch.setattr(tensor_file, "read_regular", read_then_replaced)
     loaded, document = load_tensors(tmp_path, "pair", 2)
     assert loaded["a"][0] == 2.0
     assert document == json.loads(path.read_bytes())

@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import io
 import json
 import os
 import re
-import secrets
 import shutil
 import stat
+import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, TextIO
 
 from everplace.errors import ConfigError, StorageError
+from everplace.leftovers import LEFTOVER, sweep, temporary_token
 
 __all__ = [
+    "STANDARD_OUTPUT",
     "cache_directory",
+    "filled_directory",
     "is_special",
     "json_text",
+    "open_regular_text",
+    "read_regular",
     "readable",
     "remove_file",
     "remove_leftovers",
@@ -31,7 +39,12 @@ __all__ = [
 ]
 
 
-_LEFTOVER = re.compile(r"\..+\.[0-9]+-[0-9a-f]{8}\.part(\.[^.]*)?", re.DOTALL)
+STANDARD_OUTPUT = Path("-")
+"""What stands for standard output among the files to write."""
+
+_OPEN_FILES = re.compile(r"/dev/fd|/proc/[^/]+(/task/[^/]+)?/fd")
+_MOST_LINKS = 40
+_WITHOUT_WAITING = getattr(os, "O_NONBLOCK", 0)
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 
 
@@ -52,13 +65,55 @@ def cache_directory(name: str) -> Path:
     return (Path(chosen) if chosen else user_cache_path("everplace", appauthor=False)) / name
 
 
+def open_regular_text(path: Path) -> TextIO:
+    """Opens a UTF-8 file for reading, with or without a mark, its line ends as they are; see `read_regular`."""
+    return io.TextIOWrapper(_open_regular(path), "utf-8-sig", newline="")
+
+
+def read_regular(path: Path) -> bytes:
+    """Reads a file, but no device, FIFO or socket: these would be waited for, or have no end.
+
+    Raises:
+        OSError: It is one of these, or cannot be read.
+    """
+    with _open_regular(path) as file:
+        return file.read()
+
+
+def _open_regular(path: Path) -> BinaryIO:
+    # Path.open has no opener.
+    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | _WITHOUT_WAITING))  # noqa: SIM115
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise OSError(errno.EINVAL, "it is a device, a FIFO or a socket, not a regular file", str(path))
+    return file
+
+
 def is_special(path: Path) -> bool:
-    """Whether a device, a FIFO or a socket is there, or a link to one: a rename would put a file in its place."""
+    """Whether a rename would put a file in the place of something else: a device, a FIFO, a socket, or a link to one.
+
+    So is what another program has opened for this one, such as /dev/stdout: the file behind it may hold more.
+    """
+    if _is_open_file(path):
+        return True
     try:
         mode = path.stat().st_mode
     except (OSError, ValueError):  # nothing is there, or nothing that could be
         return False
     return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+
+
+def _is_open_file(path: Path) -> bool:
+    """Whether a path, or a link on its way, is one of a process's open files."""
+    for _ in range(_MOST_LINKS):
+        directory = os.path.realpath(path.parent)
+        if _OPEN_FILES.fullmatch(directory):
+            return True
+        try:
+            path = Path(directory, path.readlink())
+        except (OSError, ValueError):  # no link
+            return False
+    return False
 
 
 @contextlib.contextmanager
@@ -67,6 +122,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     Args:
         path: The file to create or replace; a link is followed. Its directory is made if missing.
+            `STANDARD_OUTPUT` is written to in the end.
 
     Yields:
         The temporary path to write to; it keeps the suffix of `path`, and does not exist yet.
@@ -76,12 +132,17 @@ def whole_file(path: Path) -> Iterator[Path]:
         StorageError: The disk is full or the place cannot be written to; `path` is as it was before.
         OSError: Of another file than the one that is written, as it came.
     """
+    if path == STANDARD_OUTPUT:
+        with _then_printed() as temporary:
+            yield temporary
+        return
     if is_special(path):
         raise ConfigError(f"{readable(path)} is a device, a FIFO or a socket; choose a file to write to")
     target = Path(os.path.realpath(path)) if path.is_symlink() else path  # the link stays one
-    temporary = target.with_name(f".{target.stem}.{os.getpid()}-{secrets.token_hex(4)}.part{target.suffix}")
+    temporary = target.with_name(f".{target.stem}.{temporary_token()}.part{target.suffix}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
+        sweep(target.parent)
         try:
             yield temporary
             with temporary.open("rb+") as file:
@@ -94,6 +155,17 @@ def whole_file(path: Path) -> Iterator[Path]:
         if _is_of_another(error, temporary):
             raise
         raise _cannot_write(path, error) from error
+
+
+@contextlib.contextmanager
+def _then_printed() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory() as directory:
+        temporary = Path(directory, "output")
+        yield temporary
+        sys.stdout.flush()
+        with temporary.open("rb") as file:
+            shutil.copyfileobj(file, sys.stdout.buffer)
+        sys.stdout.buffer.flush()
 
 
 def remove_file(path: Path) -> None:
@@ -121,7 +193,7 @@ def remove_leftovers(*directories: Path) -> None:
     """
     for directory in directories:
         for path in sorted(directory.glob(".*.part*")):
-            if _LEFTOVER.fullmatch(path.name) and not path.is_dir():
+            if LEFTOVER.fullmatch(path.name) and not path.is_dir():
                 remove_file(path)
 
 
@@ -141,9 +213,10 @@ def whole_directory(path: Path) -> Iterator[Path]:
         StorageError: The disk is full or the place cannot be written to; nothing is left behind.
         OSError: Of a file that is not in the directory, as it came.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
+    temporary = path.with_name(f".{path.name}.{temporary_token()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        sweep(path.parent)
         temporary.mkdir()
         try:
             yield temporary
@@ -154,6 +227,39 @@ def whole_directory(path: Path) -> Iterator[Path]:
                     raise
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
+    except OSError as error:
+        if _is_of_another(error, temporary):
+            raise
+        raise _cannot_write(path, error) from error
+
+
+@contextlib.contextmanager
+def filled_directory(path: Path) -> Iterator[Path]:
+    """Gives a temporary directory to fill; on success its files go into `path`, else nothing changes there.
+
+    Args:
+        path: The directory; made if missing. Its files of the same names are replaced, others stay.
+
+    Yields:
+        The temporary directory, which exists and is empty.
+
+    Raises:
+        StorageError: The disk is full or the place cannot be written to.
+    """
+    made = not path.exists()
+    temporary = path / f".files.{temporary_token()}.part"
+    try:
+        try:
+            temporary.mkdir(parents=True)
+            sweep(path)
+            yield temporary
+            for file in sorted(temporary.iterdir()):
+                file.replace(path / file.name)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+            if made:
+                with contextlib.suppress(OSError):
+                    path.rmdir()  # where nothing came into it
     except OSError as error:
         if _is_of_another(error, temporary):
             raise

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import PydanticUndefined
 
 from everplace.errors import ConfigError
-from everplace.files import readable
+from everplace.files import read_regular, readable
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -111,7 +111,7 @@ def read_toml(path: Path, name: str = "") -> dict[str, Any]:
     """
     name = name or readable(path)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))  # Windows' editor begins files with a mark
+        return tomllib.loads(read_regular(path).decode("utf-8-sig"))  # Windows' editor begins files with a mark
     except OSError as error:
         raise ConfigError(
             f"cannot read {name}: {error.strerror or error}; check the path and its permissions"

@@ -14,12 +14,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import torch
 from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
 
 from everplace.errors import CheckpointError
-from everplace.files import readable, write_bytes, write_json
+from everplace.files import read_regular, readable, write_bytes, write_json
 
 __all__ = ["has_tensors", "load_tensors", "save_tensors"]
 
@@ -64,7 +65,7 @@ def load_tensors(directory: Path, name: str, format_version: int) -> tuple[dict[
         The tensors, on the CPU, and the JSON document.
 
     Raises:
-        CheckpointError: Something is missing, malformed, of another version, or was altered.
+        CheckpointError: Something is missing, malformed, of another version, was altered, or is not finite.
     """
     document = _read_document(directory, name, format_version)
     path = directory / f"{name}.json"
@@ -87,7 +88,7 @@ def _refuse(number: str) -> None:
 def _read_document(directory: Path, name: str, format_version: int) -> dict[str, Any]:
     path = directory / f"{name}.json"
     try:
-        document = json.loads(path.read_text("utf-8"), parse_constant=_refuse)
+        document = json.loads(read_regular(path).decode("utf-8"), parse_constant=_refuse)
     except FileNotFoundError:
         raise CheckpointError(f"{readable(path)} is missing; {readable(directory)} holds no finished {name}") from None
     except (OSError, ValueError, RecursionError) as error:
@@ -107,7 +108,7 @@ def _read_tensors(path: Path, entry: Any) -> dict[str, Tensor]:
     if not isinstance(file, str) or not re.fullmatch(r"[\w.-]+\.safetensors", file):
         raise CheckpointError(f"{readable(path)} names no tensor file beside it; restore it or train again")
     try:
-        data = (path.parent / file).read_bytes()
+        data = read_regular(path.parent / file)
     except FileNotFoundError:
         raise
     except OSError as error:
@@ -120,6 +121,17 @@ def _read_tensors(path: Path, entry: Any) -> dict[str, Tensor]:
             "damaged; restore it or train again"
         )
     try:
-        return load(data)
+        tensors = load(data)
     except SafetensorError as error:
         raise CheckpointError(f"{readable(path.parent / file)} is not a safetensors file ({error})") from None
+    for key, tensor in tensors.items():
+        if tensor.is_floating_point() and not _all_finite(tensor):
+            raise CheckpointError(
+                f"{readable(path.parent / file)} holds NaN or infinity in {key!r}; restore it or train again"
+            )
+    return tensors
+
+
+def _all_finite(tensor: Tensor) -> bool:
+    # Of the shortest types torch cannot say it.
+    return bool(torch.isfinite(tensor if tensor.itemsize >= 2 else tensor.float()).all())

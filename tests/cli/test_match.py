@@ -129,3 +129,26 @@ def test_a_directory_under_the_root_keeps_its_dot(tiny_route: Path, tmp_path: Pa
     names = load_descriptors(tmp_path / "w.h5").image_names
     assert names is not None
     assert names[0] == ".winter/0.png"
+
+
+def test_a_dash_puts_the_table_on_standard_output_alone(
+    described: dict[tuple[str, str], Path], tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]
+) -> None:
+    files = [str(described[season, "everplace"]) for season in ("summer", "winter")]
+    assert main.run(["match", *files, "--out", str(tmp_path / "m.csv")]) == 0
+    capfdbinary.readouterr()
+    assert main.run(["match", *files, "--out", "-"]) == 0
+    assert capfdbinary.readouterr().out == (tmp_path / "m.csv").read_bytes()
+    assert main.run(["match", *files, "--out", "-", "--json"]) == 2
+    assert b"--out - and --json exclude each other" in capfdbinary.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["describe", "evaluate", "train"])
+def test_a_dash_is_refused_where_the_result_is_no_text(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    given = {
+        "describe": ["hog", "nowhere"],
+        "evaluate": ["nowhere", "--method", "hog", "--database", "a", "--query", "b"],
+        "train": ["nowhere", "--model", "vae"],
+    }
+    assert main.run([command, *given[command], "--out", "-"]) == 2
+    assert "--out - is standard output, which takes text alone" in capsys.readouterr().err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import resource
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +114,38 @@ def test_weights_that_do_not_fit_are_refused(tmp_path: Path, change: dict[str, A
     document["model"].update(change)
     path.write_text(json.dumps(document))
     with pytest.raises(CheckpointError, match=f"the weights in {tmp_path} do not fit"):
+        load_checkpoint(tmp_path)
+
+
+@pytest.mark.parametrize("change", [{"height": 320_000}, {"width": 32_000_000}, {"width": 3_200_000, "height": 64}])
+def test_an_image_of_another_size_takes_no_memory(tmp_path: Path, change: dict[str, Any]) -> None:
+    config = ModelConfig(
+        kind="cp-vae", height=32, width=32, conditions=("a", "b"), places=3, oriented_gradients=True,
+        fully_connected=False,
+    )  # fmt: skip
+    save_checkpoint(tmp_path, ConditionVAE(config), {})
+    assert load_checkpoint(tmp_path).model.config == config
+    path = tmp_path / "checkpoint.json"
+    document = json.loads(path.read_text())
+    document["model"].update(change)
+    path.write_text(json.dumps(document))
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + 2**28, hard))
+    try:
+        with pytest.raises(CheckpointError, match=f"the weights in {tmp_path} do not fit"):
+            load_checkpoint(tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+@pytest.mark.parametrize("value", [torch.nan, torch.inf, -torch.inf])
+@pytest.mark.parametrize("key", ["log_sigma", "encoder.z_mean.weight", "decoder.convolutions.0.1.running_var"])
+def test_weights_that_are_not_finite_are_refused(tmp_path: Path, key: str, value: float) -> None:
+    model = small_model("vae")
+    model.state_dict()[key].view(-1)[-1] = value
+    save_checkpoint(tmp_path, model, {})
+    with pytest.raises(CheckpointError, match=f"holds NaN or infinity in '{key}'; restore it or train again"):
         load_checkpoint(tmp_path)
 
 

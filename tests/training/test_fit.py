@@ -17,8 +17,9 @@ import torch
 from PIL import Image
 
 from everplace.describe.registry import open_describer
-from everplace.errors import ConfigError, DivergedError, EverplaceError, RouteError
+from everplace.errors import CheckpointError, ConfigError, DivergedError, EverplaceError, RouteError
 from everplace.model.checkpoint import load_checkpoint
+from everplace.model.condition_vae import ConditionVAE
 from everplace.model.pixels import to_input
 from everplace.route.route import Route, open_route
 from everplace.training import devices, fit
@@ -289,19 +290,33 @@ def test_a_run_that_diverges_says_so_and_keeps_no_checkpoint_of_it(
 
 
 def test_the_last_good_checkpoint_outlives_a_run_that_diverges(
-    route: Route, make_config: MakeConfig, tmp_path: Path
+    route: Route, make_config: MakeConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    out, kept = tmp_path / "run", []
+    keep = RunKeeper.keep
+
+    def keep_and_poison(self: RunKeeper, model: ConditionVAE, *rest: Any, **options: Any) -> None:
+        keep(self, model, *rest, **options)
+        kept.append((out / "checkpoint.json").read_bytes())
+        with torch.no_grad():
+            model.encoder.z_mean.weight[0, 0] = math.nan
+
+    monkeypatch.setattr(RunKeeper, "keep", keep_and_poison)
+    with pytest.raises(DivergedError, match=r"diverged in epoch 2: .* not finite; the last good checkpoint stands"):
+        train(route, make_config(), out)
+    assert [(out / "checkpoint.json").read_bytes()] == kept
+    assert all(torch.isfinite(value).all() for value in load_checkpoint(out).model.state_dict().values())
+
+
+def test_a_state_with_nan_is_not_resumed(route: Route, make_config: MakeConfig, tmp_path: Path) -> None:
     out, config = tmp_path / "run", make_config()
     train(route, config, out)
-    checkpoint = (out / "checkpoint.json").read_bytes()
     model = load_checkpoint(out).model
     with torch.no_grad():
         model.encoder.z_mean.weight[0, 0] = math.nan
     save_state(out, RunProgress(epoch=1, best_epoch=1, best_value=0.0), model, torch.optim.AdamW(model.parameters()))
-    with pytest.raises(DivergedError, match=r"diverged in epoch 2: .* not finite; the last good checkpoint stands"):
+    with pytest.raises(CheckpointError, match=r"holds NaN or infinity in 'model\.encoder\.z_mean\.weight'"):
         train(route, config, out, resume=True)
-    assert (out / "checkpoint.json").read_bytes() == checkpoint
-    assert all(torch.isfinite(value).all() for value in load_checkpoint(out).model.state_dict().values())
 
 
 @pytest.mark.slow

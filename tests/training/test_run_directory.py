@@ -153,3 +153,21 @@ def test_one_process_of_all_writes_the_run(
         assert not (tmp_path / "new").exists()
     with pytest.raises(ConfigError, match="already holds a run"):
         prepare_run(tmp_path / "begun", make_config(), resume=False)
+
+
+@pytest.mark.parametrize("name", [RESUME, "tensorboard"])
+def test_a_file_where_the_run_needs_a_directory_is_told_first(
+    tmp_path: Path, make_config: MakeConfig, name: str
+) -> None:
+    (tmp_path / name).write_text("")
+    with pytest.raises(ConfigError, match=f"{name} is a file where the run needs a directory"):
+        require_usable(tmp_path, make_config(), resume=False)
+
+
+@pytest.mark.parametrize("name", [CONFIG_FILE, "metrics.csv", "checkpoint.json"])
+def test_a_directory_where_the_run_writes_a_file_is_told_first(
+    tmp_path: Path, make_config: MakeConfig, name: str
+) -> None:
+    (tmp_path / name).mkdir()
+    with pytest.raises(ConfigError, match=f"{name} is no file, which the run needs to write"):
+        require_usable(tmp_path, make_config(), resume=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-__all__ = ["OrientedGradients"]
+__all__ = ["OrientedGradients", "gradient_features"]
 
 SHORT_SIDE = 64
 CELL = 8
@@ -43,8 +43,7 @@ class OrientedGradients(nn.Module):
 
     def __init__(self, height: int, width: int) -> None:
         super().__init__()
-        scale = SHORT_SIDE / min(height, width)
-        inner = [max(1, round(side * scale / CELL)) * CELL for side in (height, width)]
+        inner = [CELL * cells for cells in _grid(height, width)]
         matrices = {
             "rows": _resizing(height, inner[0]),
             "columns": _resizing(width, inner[1]),
@@ -54,7 +53,7 @@ class OrientedGradients(nn.Module):
         }
         for name, matrix in matrices.items():
             self.register_buffer(name, torch.from_numpy(matrix.astype(np.float32)), persistent=False)
-        self.features = DIRECTIONS * (inner[0] // CELL) * (inner[1] // CELL)
+        self.features = gradient_features(height, width)
 
     @torch.no_grad()
     def forward(self, images: Tensor) -> Tensor:
@@ -82,6 +81,18 @@ class OrientedGradients(nn.Module):
         energy = cells.square().sum(1, keepdim=True)
         around = functional.avg_pool2d(functional.pad(energy, (1, 1, 1, 1), mode="replicate"), 3, 1)
         return (cells / (around + _FLAT).sqrt()).flatten(1)
+
+
+def gradient_features(height: int, width: int) -> int:
+    """How many numbers `OrientedGradients` makes of an image, before anything is made for that size."""
+    rows, columns = _grid(height, width)
+    return DIRECTIONS * rows * columns
+
+
+def _grid(height: int, width: int) -> tuple[int, int]:
+    """Rows and columns of cells."""
+    scale = SHORT_SIDE / min(height, width)
+    return max(1, round(height * scale / CELL)), max(1, round(width * scale / CELL))
 
 
 def _votes() -> NDArray[np.float64]:

@@ -16,7 +16,8 @@ from everplace.cli.output import (
     show_result,
     warn,
 )
-from everplace.files import readable
+from everplace.errors import ConfigError
+from everplace.files import STANDARD_OUTPUT, readable
 
 if TYPE_CHECKING:
     from everplace.describe.files.descriptors import Descriptors
@@ -37,11 +38,15 @@ def match(
 ) -> None:
     """Find the most similar database frames of every query.
 
-    FILE as csv holds the names (stems) of the frames, as hloc-pairs and kapture the names of the image files.
+    FILE may be - for standard output. As csv it holds the names (stems) of the frames, as hloc-pairs and kapture the
+    names of the image files.
 
     Example: everplace match summer.h5 winter.h5 --top 5 --out matches.csv
     """
-    require_file(out)
+    if out == STANDARD_OUTPUT and as_json:
+        raise ConfigError("--out - and --json exclude each other: both write to standard output; give one of them")
+    if out != STANDARD_OUTPUT:
+        require_file(out)
     for given in (database, query):
         require_other(out, given)
     from everplace.describe.files.descriptors import load_descriptors
@@ -61,6 +66,8 @@ def match(
             "both with one --image-root that holds the two directories"
         )
     write_matches(out, asked_names, known_names, indices, scores, format=kind)
+    if out == STANDARD_OUTPUT:
+        return
     result = {"queries": len(asked), "database": len(known), "matches": indices.size, "out": str(out)}
     if (new_place := new_place_summary(asked, known)) is not None:
         result["new_place"] = new_place

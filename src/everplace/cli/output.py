@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from everplace.errors import ConfigError, SettingError
-from everplace.files import is_special, json_text, readable
+from everplace.files import STANDARD_OUTPUT, is_special, json_text, readable
 from everplace.progress import Progress
 
 if TYPE_CHECKING:
@@ -101,8 +101,9 @@ def require_directory(out: Path, option: str = "--out") -> None:
     """Refuses an output (`option`) that cannot be a directory, before any work is done.
 
     Raises:
-        ConfigError: It, or what it lies in, is a file.
+        ConfigError: It, or what it lies in, is a file, or it is standard output.
     """
+    _require_no_dash(out, option)
     for path in (out, *out.parents):
         if path.exists():
             if not path.is_dir():
@@ -114,8 +115,10 @@ def require_file(out: Path, endings: tuple[str, ...] = (), option: str = "--out"
     """Refuses an output (`option`) that cannot be a file, before any work is done.
 
     Raises:
-        ConfigError: It is a directory or a device, lies in a file, or has another ending than those given.
+        ConfigError: It is a directory, a device or standard output, lies in a file, or has another ending than those
+            given.
     """
+    _require_no_dash(out, option)
     if out.is_dir():
         raise ConfigError(f"{option} {readable(out)} is a directory; name a file")
     if is_special(out):
@@ -123,6 +126,11 @@ def require_file(out: Path, endings: tuple[str, ...] = (), option: str = "--out"
     if endings and out.suffix.lower() not in endings:
         raise ConfigError(f"{option} {readable(out)} must end in {' or '.join(endings)}")
     require_directory(out.parent, option)
+
+
+def _require_no_dash(out: Path, option: str) -> None:
+    if out == STANDARD_OUTPUT:
+        raise ConfigError(f"{option} - is standard output, which takes text alone; name a place (./- is one too)")
 
 
 def require_outside(out: Path, route: Path, option: str = "--out") -> None:

@@ -21,7 +21,7 @@ from everplace.experiments.latent_report import LATENT_PICTURES, audit_section, 
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.recipe_names import named_method, named_recipe, recipe_metrics
 from everplace.experiments.retrieval_pictures import match_figure, matrix_figure, score_of, title_of
-from everplace.files import remove_file, write_json
+from everplace.files import filled_directory, remove_file, write_json
 from everplace.plots.canvas import save_figure
 from everplace.plots.interactive_curves import precision_recall_figure
 from everplace.progress import Progress, quiet
@@ -145,8 +145,17 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
     """Writes DIR/metrics.json, the pictures and report.html, over those of an earlier evaluation.
 
     Raises:
-        StorageError: Writing failed.
+        StorageError: Writing failed; what stood in DIR stands as it was.
     """
+    with filled_directory(out) as directory:
+        pictures = _fill(directory, evaluation, details)
+        if (out / _METRICS).is_file():  # of an earlier evaluation, perhaps of another method
+            for name in set(LATENT_PICTURES) - set(pictures):
+                remove_file(out / name)
+
+
+def _fill(out: Path, evaluation: Evaluation, details: dict[str, str]) -> list[str]:
+    """Writes the files of an evaluation, and returns the names of the pictures of the latent."""
     result = evaluation.result
     describer, route, rule = result.describer, result.pair.route, result.rule
     asked = pair_words(result.query.name, result.database.name)
@@ -186,11 +195,9 @@ def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, st
     if model is not None and route.aligned:
         pictures = latent_section(report.section("What the latent holds"), model, route, out, label)
     report.section("How it was measured").table(["what", "definition"], _how(evaluation))
-    if (out / _METRICS).is_file():  # of an earlier evaluation, perhaps of another method
-        for name in set(LATENT_PICTURES) - set(pictures):
-            remove_file(out / name)
     report.write(out / "report.html")
     write_json(out / _METRICS, evaluation.metrics())
+    return pictures
 
 
 def _how(evaluation: Evaluation) -> list[list[Value]]:

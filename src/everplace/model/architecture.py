@@ -16,6 +16,7 @@ __all__ = [
     "Encoder",
     "InstanceBatchNorm2d",
     "feature_map",
+    "flattened_size",
     "hidden_widths",
     "strides",
 ]
@@ -40,6 +41,12 @@ def feature_map(height: int, width: int) -> tuple[int, int, int]:
     while halvings > 1 and min(height, width) >> halvings < SMALLEST_SIDE:
         halvings -= 1
     return halvings, height >> halvings, width >> halvings
+
+
+def flattened_size(height: int, width: int) -> int:
+    """How many numbers the last feature map holds."""
+    _, rows, columns = feature_map(height, width)
+    return CONVOLUTIONS[-1] * rows * columns
 
 
 def strides(height: int, width: int) -> tuple[int, ...]:
@@ -120,13 +127,12 @@ class Encoder(nn.Module):
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
-        _, height, width = feature_map(config.height, config.width)
         channels = (config.channels, *CONVOLUTIONS)
         self.convolutions = nn.ModuleList(
             _convolution(channels[i], channels[i + 1], stride, free_of_contrast=i < FREE_OF_CONTRAST)
             for i, stride in enumerate(strides(config.height, config.width))
         )
-        flattened = CONVOLUTIONS[-1] * height * width
+        flattened = flattened_size(config.height, config.width)
         widths = (flattened, *hidden_widths(flattened, fully_connected=config.fully_connected))
         self.fully_connected = nn.ModuleList(_linear(a, b) for a, b in pairwise(widths))
         self.split = LatentSplit(config.place_dimensions, config.condition_dimensions)

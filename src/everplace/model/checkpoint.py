@@ -11,8 +11,10 @@ import torch
 from pydantic import ValidationError
 from torch import Tensor
 
+from everplace.adapt.oriented_gradients import gradient_features
 from everplace.errors import CheckpointError
 from everplace.files import readable
+from everplace.model.architecture import flattened_size
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.model_config import ModelConfig
 from everplace.model.provenance import plain_values, stems_seen
@@ -94,14 +96,32 @@ def _model(run: Path, config: ModelConfig, tensors: dict[str, Tensor]) -> Condit
     """The network with these weights, which must be all that it has and nothing else."""
     # torch counts in 64 bits and says so in one of these two.
     with contextlib.suppress(RuntimeError, TypeError):
-        # Without memory of its own the network takes the tensors as they are: no random numbers are drawn for nothing,
-        # and a file that describes a network larger than the machine is refused like any other that does not fit.
-        with torch.device("meta"):
-            model = ConditionVAE(config)
-        wanted = {key: (value.shape, value.dtype) for key, value in model.state_dict().items()}
-        if wanted == {key: (value.shape, value.dtype) for key, value in tensors.items()}:
-            model.load_state_dict(tensors, assign=True)
-            return model
+        if _may_be_of_size(config, tensors):
+            # Without memory of its own the network takes the tensors as they are: no random numbers are drawn for
+            # nothing, and a file that describes a network larger than the machine is refused like any other.
+            with torch.device("meta"):
+                model = ConditionVAE(config)
+            wanted = {key: (value.shape, value.dtype) for key, value in model.state_dict().items()}
+            if wanted == {key: (value.shape, value.dtype) for key, value in tensors.items()}:
+                model.load_state_dict(tensors, assign=True)
+                return model
     raise CheckpointError(
         f"the weights in {readable(run)} do not fit the model that checkpoint.json describes; train again"
+    )
+
+
+def _may_be_of_size(config: ModelConfig, tensors: dict[str, Tensor]) -> bool:
+    """Whether the projection of oriented gradients has the image's size.
+
+    Their matrices, which no file holds, would else be made in numpy for an image of any size.
+    """
+    projection = tensors.get("encoder.place_projection.weight")
+    reading = tensors.get("encoder.fully_connected.0.0.weight", tensors.get("encoder.z_mean.weight"))
+    if not config.oriented_gradients:
+        return True
+    return (
+        projection is not None
+        and reading is not None
+        and projection.shape[-1:] == (gradient_features(config.height, config.width),)
+        and reading.shape[-1:] == (flattened_size(config.height, config.width),)
     )

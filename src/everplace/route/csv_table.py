@@ -13,9 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.errors import RouteError
-from everplace.files import readable
+from everplace.files import open_regular_text, readable
 
 __all__ = ["CsvTable", "TableRow", "read_poses", "read_times"]
+
+
+_LARGEST = 1e30  # its square, and a sum of such, is still a number
 
 
 class TableRow(NamedTuple):
@@ -54,6 +57,8 @@ class TableRow(NamedTuple):
             raise self.wrong(f"must hold {what}; correct it") from error
         if not all(map(math.isfinite, values)):
             raise self.wrong(f"holds a number that is not finite; {remedy}")
+        if any(abs(value) > _LARGEST for value in values):
+            raise self.wrong(f"holds a number beyond ±{_LARGEST:g}, which nothing can be computed with; {remedy}")
         return values
 
 
@@ -111,7 +116,7 @@ class CsvTable:
     @contextlib.contextmanager
     def _lines(self) -> Iterator[Iterator[list[str]]]:
         try:
-            with self.path.open(encoding="utf-8-sig", newline="") as file:
+            with open_regular_text(self.path) as file:
                 yield csv.reader(file, strict=True)
         except OSError as error:
             raise RouteError(f"cannot read {readable(self.path)}: {error.strerror or error}; {self._remedy}") from error

@@ -17,6 +17,7 @@ from everplace.model.checkpoint import CHECKPOINT_NAME
 from everplace.settings import read_toml
 from everplace.tensor_file import has_tensors
 from everplace.training.config import CONFIG_FILE, FitConfig, write_config
+from everplace.training.metrics_table import METRICS_FILE
 from everplace.training.resume_state import RESUME, ResumeState, has_state, load_state
 
 __all__ = ["leads", "locked_run", "prepare_run", "require_same_images", "require_usable"]
@@ -61,13 +62,20 @@ def require_usable(out: Path, config: FitConfig, resume: bool, processes: int = 
         processes: How many train the run together; to all but the first, what stands there is this run.
 
     Raises:
-        ConfigError: `out` is a file, or holds another run (OtherRunError if it would be resumed).
+        ConfigError: `out` is a file, what the run writes in it cannot be written, or it holds another run
+            (OtherRunError if it would be resumed).
         CheckpointError: The configuration of what should be resumed is damaged.
     """
     # A configuration alone, of a run that failed or was stopped in its first epoch, does not block a new run.
     began = has_tensors(out, CHECKPOINT_NAME) or has_state(out)
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out {readable(out)} is a file; name a directory for the run")
+    for name in (RESUME, "tensorboard"):
+        if os.path.lexists(out / name) and not (out / name).is_dir():
+            raise ConfigError(f"{readable(out / name)} is a file where the run needs a directory; remove it")
+    for name in (CONFIG_FILE, METRICS_FILE, f"{CHECKPOINT_NAME}.json"):
+        if os.path.lexists(out / name) and not (out / name).is_file():
+            raise ConfigError(f"{readable(out / name)} is no file, which the run needs to write; remove it")
     if began and not resume and leads(processes):
         raise ConfigError(f"--out {readable(out)} already holds a run; add --resume to continue it, or name another")
     if began and resume and (out / CONFIG_FILE).is_file():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any
 
 import pytest
@@ -105,3 +106,13 @@ def test_any_text_is_a_sequence_or_one_error(data_set: Any, rows: str, sensor: s
         assert data_set.frames(euroc)["MH_01"]
     except RouteError as error:
         assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize("text", ["T_BS:\n" + "\n" * 2**19, "T_BS:\n" * 2**17, "T_BS:\n" + "data:[\n" * 2**17])
+def test_a_damaged_sensor_file_is_read_through_once(data_set: Any, text: str) -> None:
+    write(data_set, frames=1)
+    (data_set.root / "MH_01/mav0/cam0/sensor.yaml").write_text(text)
+    started = time.monotonic()
+    with pytest.raises(RouteError, match="holds no T_BS with 16 numbers"):
+        data_set.frames(euroc)
+    assert time.monotonic() - started < 5

@@ -21,17 +21,14 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.describe.files.hdf5 import (
-    find_dataset,
-    read_numbers,
-    read_text,
-    read_texts,
-    whole_hdf5,
-    write_texts,
-)
-from everplace.describe.files.hloc_layout import is_hloc_layout, read_groups, write_groups
+from everplace.describe.files.hdf5 import whole_hdf5, write_texts
+from everplace.describe.files.hdf5_content import read_hdf5
+from everplace.describe.files.hloc_layout import write_groups
 from everplace.errors import DescriptorsError
 from everplace.files import readable
+from everplace.images.decoding import is_image_name
+from everplace.importing.containers.file_trees import stem_of
+from everplace.route.natural_order import natural_key
 
 __all__ = ["Descriptors", "Metric", "Settings", "load_descriptors"]
 
@@ -155,32 +152,34 @@ def load_descriptors(path: str | Path) -> Descriptors:
     path = Path(path)
     if not path.is_file():
         raise DescriptorsError(f"there is no descriptor file {readable(path)}; make one with `everplace describe`")
+    content = read_hdf5(path)
+    names, image_names, values = content.names, content.image_names, content.values
     try:
-        with h5py.File(path, "r") as file:
-            return _read(file)
+        if names is None:
+            names, order = _natural_order(image_names or ())
+            image_names, values = tuple((image_names or ())[index] for index in order), values[order]
+        metric = cast("Metric", content.metric)
+        return Descriptors(values, names, content.method, metric, _settings(content.settings), image_names)
     except DescriptorsError as error:
         raise DescriptorsError(f"{readable(path)} cannot be read: {error}") from error
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:  # what h5py raises for a damaged file
-        raise DescriptorsError(
-            f"{readable(path)} is no readable HDF5 file ({error}); make it again with `everplace describe`"
-        ) from error
 
 
-def _read(file: h5py.File) -> Descriptors:
-    method = read_text(file, "method", "unknown")
-    metric = cast("Metric", read_text(file, "metric", "cosine"))
-    settings = _settings(read_text(file, "settings", "{}"))
-    if is_hloc_layout(file):
-        stems, images, rows = read_groups(file)
-        return Descriptors(rows, stems, method, metric, settings, image_names=images)
-    return Descriptors(
-        read_numbers(find_dataset(file, "descriptors"), "descriptors"),
-        read_texts(find_dataset(file, "names"), "names"),
-        method,
-        metric,
-        settings,
-        read_texts(find_dataset(file, "image_names"), "image_names") if "image_names" in file else None,
-    )
+def _natural_order(image_names: tuple[str, ...]) -> tuple[tuple[str, ...], list[int]]:
+    """The stems of images as an imported route has them, in natural order, and the places of the images.
+
+    A name without an image's ending is kept as it is.
+    """
+    found: dict[str, int] = {}
+    for index, image in enumerate(image_names):
+        stem = stem_of(image) if is_image_name(image) else image
+        if stem in found:
+            raise DescriptorsError(
+                f"the images {readable(image_names[found[stem]])!r} and {readable(image)!r} have one stem; rename one "
+                "of them"
+            )
+        found[stem] = index
+    names = tuple(sorted(found, key=natural_key))
+    return names, [found[name] for name in names]
 
 
 def _settings(text: str) -> Settings:

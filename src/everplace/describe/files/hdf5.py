@@ -16,8 +16,8 @@ from everplace.errors import DescriptorsError
 from everplace.files import write_bytes
 
 __all__ = [
+    "blocks_of_rows",
     "find_dataset",
-    "read_numbers",
     "read_text",
     "read_texts",
     "require_own_numbers",
@@ -27,6 +27,7 @@ __all__ = [
 
 _BYTES_OF_NAMES = "surrogateescape"  # a name that is not UTF-8 keeps its bytes, as Python's file names do
 _GROWS_BY = 2**20
+_BLOCK_BYTES = 2**24
 _MOST_COMPRESSED = 1000  # bytes out of one, about what deflate reaches on zeros
 _TEXTS_AT_ONCE = 64
 
@@ -90,15 +91,12 @@ def require_own_numbers(dataset: Any, name: str, file_bytes: int) -> None:
         raise DescriptorsError(f"`{name}` announces the shape {dataset.shape}, but holds only {stored} bytes")
 
 
-def read_numbers(dataset: Any, name: str) -> NDArray[Any]:
-    """Reads an array, after a look at its type: object types are refused before anything of them is read.
-
-    Raises:
-        DescriptorsError: It is not N×D floating-point numbers.
-    """
-    if dataset.dtype.kind != "f" or dataset.ndim != 2:
-        raise DescriptorsError(f"`{name}` must be N×D floating-point numbers, not {dataset.dtype} of {dataset.shape}")
-    return np.asarray(dataset[:])
+def blocks_of_rows(dataset: Any) -> Iterator[NDArray[Any]]:
+    """Reads an array in blocks of rows, so that it need not be in memory twice; each chunk of the file is read once."""
+    rows = dataset.chunks[0] if dataset.chunks else 1
+    rows *= max(1, _BLOCK_BYTES // max(1, rows * math.prod(dataset.shape[1:]) * dataset.dtype.itemsize))
+    for start in range(0, len(dataset), rows):
+        yield np.ascontiguousarray(dataset[start : start + rows])
 
 
 def read_texts(dataset: Any, name: str) -> tuple[str, ...]:

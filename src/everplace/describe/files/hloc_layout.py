@@ -16,9 +16,6 @@ from numpy.typing import NDArray
 from everplace.describe.files.hdf5 import require_own_numbers
 from everplace.errors import DescriptorsError
 from everplace.files import readable
-from everplace.images.decoding import is_image_name
-from everplace.importing.containers.file_trees import stem_of
-from everplace.route.natural_order import natural_key
 
 __all__ = ["is_hloc_layout", "read_groups", "write_groups"]
 
@@ -57,8 +54,8 @@ def write_groups(file: h5py.File, images: Sequence[str], values: NDArray[np.floa
         file.create_group(image)[_GLOBAL] = row
 
 
-def read_groups(file: h5py.File) -> tuple[tuple[str, ...], tuple[str, ...], NDArray[Any]]:
-    """Reads the descriptors of all images, in natural order of their stems.
+def read_groups(file: h5py.File) -> tuple[tuple[str, ...], NDArray[Any]]:
+    """Reads the descriptors of all images, in the order of the file.
 
     Links are not followed, and what else a group holds is left alone.
 
@@ -66,8 +63,7 @@ def read_groups(file: h5py.File) -> tuple[tuple[str, ...], tuple[str, ...], NDAr
         file: The file.
 
     Returns:
-        N stems as an imported route has them (a name without an image's ending is kept as it is), N names of images,
-        and N×D floating-point numbers.
+        N names of images, and N×D floating-point numbers.
 
     Raises:
         DescriptorsError: It holds no `global_descriptor`, or one that is not as many numbers as the others.
@@ -93,20 +89,7 @@ def read_groups(file: h5py.File) -> tuple[tuple[str, ...], tuple[str, ...], NDAr
                 f"the descriptor of {readable(image)!r} has {len(row)} numbers and that of {readable(first)!r} "
                 f"{length}; describe both alike"
             )
-    stems = {_stem(image): image for image in rows}
-    if len(stems) < len(rows):
-        kept = set(stems.values())
-        twice = next(image for image in rows if image not in kept)
-        raise DescriptorsError(
-            f"the images {readable(twice)!r} and {readable(stems[_stem(twice)])!r} have one stem; rename one of them"
-        )
-    names = sorted(stems, key=natural_key)
-    images = tuple(stems[name] for name in names)
-    return tuple(names), images, np.stack([rows[image] for image in images])
-
-
-def _stem(image: str) -> str:
-    return stem_of(image) if is_image_name(image) else image
+    return tuple(rows), np.stack(list(rows.values()))
 
 
 def _row(dataset: Any, path: str, file_bytes: int) -> NDArray[Any]:

@@ -34,7 +34,9 @@ __all__ = ["SUMMARY", "Options", "read"]
 
 SUMMARY = "EuRoC MAV: mav0/cam0 with time stamps and the estimated truth, one sequence or several"
 
-_TRANSFORM = re.compile(r"^T_BS:.*?^\s*data:\s*\[([^\]]*)\]", re.DOTALL | re.MULTILINE)
+# No two places of one pattern can match the same text, so that a damaged file is read through once.
+_TRANSFORM = re.compile(r"^T_BS:", re.MULTILINE)
+_DATA = re.compile(r"^[^\S\n]*data:\s*\[([^\[\]]*)\]", re.MULTILINE)
 
 _LONGEST_YAML = 1 << 20
 
@@ -100,7 +102,8 @@ def _read_camera(camera: TreePath) -> NDArray[np.float64]:
         )
     with path.open() as file:
         text = file.read(_LONGEST_YAML).decode("utf-8", "replace")
-    match = _TRANSFORM.search(text)
+    start = _TRANSFORM.search(text)
+    match = _DATA.search(text, start.end()) if start else None
     try:
         matrix = np.array([float(value) for value in match[1].split(",")]).reshape(4, 4) if match else None
     except ValueError:
