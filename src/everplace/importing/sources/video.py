@@ -67,7 +67,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
 
 
 def _open(path: Path, options: Options, notes: list[str]) -> Drive:
-    count = check_video(path)
+    count, doubt = check_video(path)
     sidecar = path.with_suffix(".poses.csv")
     timed = sidecar.exists() and "seconds" in CsvTable(sidecar).columns
     track = read_pose_track(sidecar) if timed else None
@@ -77,7 +77,9 @@ def _open(path: Path, options: Options, notes: list[str]) -> Drive:
         kept, problem = _readable_frames(path)
         if problem is not None:
             notes.append(f"Only the first {kept} frames of {readable(path)} were kept: {problem}.")
-            count = kept
+            count, doubt = kept, ""
+    if doubt:
+        notes.append(doubt)
     frames = _frames(path, kept)
     if named is not None:
         # A video that broke off has fewer frames than poses.
