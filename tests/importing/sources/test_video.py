@@ -221,6 +221,14 @@ def test_an_avi_with_dropped_frames(tmp_path: Path, dropped: set[int]) -> None:
     assert import_route("video", path, tmp_path / "out").frames == 40 - len(dropped)
 
 
+def test_videos_that_are_passed_over_are_counted(tmp_path: Path) -> None:
+    write_video(tmp_path / "a.mp4", 3)
+    for name in ("b.h264", "c.3gp", "d.3GP", "a.LRV", "e.mp4.part", "notes.txt"):
+        (tmp_path / name).touch()
+    (note,) = import_route("video", tmp_path, tmp_path.parent / "out").notes
+    assert "holds videos that were not read: 2 × .3gp, 1 × .h264, 1 × .lrv, 1 × .mp4.part; " in note
+
+
 def test_what_is_no_video(tmp_path: Path) -> None:
     for name, content in (("empty.mp4", b""), ("text.mkv", b"not a video\n" * 50)):
         (tmp_path / name).write_bytes(content)
