@@ -28,6 +28,11 @@ def test_order_is_natural_and_endings_are_kept(tmp_path: Path) -> None:
     assert all(path.exists() for traverse in traverses for path in traverse.paths)
 
 
+def test_jpeg_files_as_browsers_save_them_are_frames(tmp_path: Path) -> None:
+    make(tmp_path, "a/IMG_0.jpg", "a/IMG_1.jfif", "a/IMG_2.JFIF", "b/x.jfif")
+    assert [traverse.stems for traverse in read_traverses(tmp_path, PLAIN)] == [("IMG_0", "IMG_1", "IMG_2"), ("x",)]
+
+
 def test_frames_named_by_seconds_that_lost_trailing_zeros_are_in_the_order_of_time(tmp_path: Path) -> None:
     make(tmp_path, "day/5.5.png", "day/5.125.jpg", "day/5.0.png", "day/5.25.png", "day/10.05.png")
     assert read_traverses(tmp_path, PLAIN)[0].stems == ("5.0", "5.125", "5.25", "5.5", "10.05")

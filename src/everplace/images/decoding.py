@@ -47,7 +47,7 @@ __all__ = [
 T = TypeVar("T")
 R = TypeVar("R")
 
-IMAGE_ENDINGS = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
+IMAGE_ENDINGS = frozenset({".bmp", ".jfif", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 """Endings (lower case) by which a file in a traverse counts as a frame."""
 
 _ENDINGS = tuple(sorted(IMAGE_ENDINGS))

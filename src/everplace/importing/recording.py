@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, Foreig
 from everplace.importing.frame_pixels import parse_size, resized
 from everplace.importing.sampling import sample_by_change, sample_by_distance, sample_by_number, sample_by_time
 
-__all__ = ["Drive", "RecordingOptions", "recorded_route"]
+__all__ = ["Drive", "RecordingOptions", "passed_over", "recorded_route"]
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -75,6 +76,22 @@ class Drive:
     frames: Iterator[ForeignFrame]
     count: int | None = None
     named: bool = False
+
+
+def passed_over(directory: Path, names: Sequence[str], what: str, endings: Sequence[str]) -> list[str]:
+    """Returns a sentence that counts the files of known endings that were not read; none where there are none.
+
+    Args:
+        directory: Where they lie.
+        names: The files in it that were not read.
+        what: What they are, such as "videos".
+        endings: Which endings (lower case) count, beginning with a dot.
+    """
+    counts = Counter(ending for name in names if (ending := next(filter(name.lower().endswith, endings), "")))
+    if not counts:
+        return []
+    told = ", ".join(f"{count} × {ending}" for ending, count in sorted(counts.items()))
+    return [f"{readable(directory)} holds {what} that were not read: {told}; convert them, or give one by itself."]
 
 
 def recorded_route(

@@ -107,6 +107,19 @@ def test_one_image_topic_must_be_chosen(tmp_path: Path) -> None:
     assert import_route("bag", path, tmp_path / "out", {"topic": "/right"}).frames == 2
 
 
+def test_bags_that_are_passed_over_are_counted(tmp_path: Path) -> None:
+    bags = tmp_path / "bags"
+    bags.mkdir()
+    write_bag(bags / "a.bag", [image(1.0), image(2.0)])
+    for name in ("b.bag.active", "c.BAG.active", "d.mcap.zstd", "e.db3.zstd", "f.bag.orig.active", "notes.txt"):
+        (bags / name).touch()
+    notes = import_route("bag", bags, tmp_path / "out", {"poses": "none"}).notes
+    told = "1 × .bag.orig.active, 1 × .db3.zstd, 1 × .mcap.zstd"
+    assert notes == (
+        f"{bags} holds bags that were not read: 2 × .bag.active, {told}; convert them, or give one by itself.",
+    )
+
+
 def test_positions_become_metres_from_a_common_origin(tmp_path: Path) -> None:
     """111.3 m a thousandth of a degree on the equator, to the east; 110.6 m to the north."""
     (tmp_path / "bags").mkdir()

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tests.fuzzing import DAMAGE, Damage, fuzzed
 
 from everplace.errors import EverplaceError, MissingExtraError, RouteError
-from everplace.importing.containers.video_frames import check_video, read_video
+from everplace.importing.containers.video_frames import check_video, last_frame_begins, read_video
 from everplace.importing.import_route import import_route
 from everplace.importing.sources.video import Options, read
 from everplace.route.route import open_route
@@ -39,10 +39,11 @@ def write_video(
     *,
     turn: int = 0,
     times: list[int] | None = None,
+    flags: dict[str, str] | None = None,
 ) -> None:
     """Writes `count` pictures without loss, at 10 a second or at the given milliseconds."""
     options = {"qp": "0", "g": "5"} if codec == "libx264rgb" else {}
-    with av.open(str(path), "w") as container:
+    with av.open(str(path), "w", options=flags or {}) as container:
         stream: Any = container.add_stream(codec, rate=RATE, options=options)
         stream.height, stream.width, stream.pix_fmt = 16, 32, form
         if turn:
@@ -89,6 +90,26 @@ def test_rotation_is_applied_as_the_matrix_in_the_file_says(tmp_path: Path, turn
         np.testing.assert_array_equal(shown[round(v), round(u)], stored[y, x])
 
 
+@pytest.mark.parametrize("number", range(8))
+def test_a_display_matrix_turns_and_mirrors(tmp_path: Path, number: int) -> None:
+    """All eight: a and d, or b and c, are 1 or -1."""
+    swaps, first, second = number & 1, 1 - (number & 2), 1 - (number >> 1 & 2)
+    a, b, c, d = (0, first, second, 0) if swaps else (first, 0, 0, second)
+    path = tmp_path / "a.mp4"
+    write_video(path, 3)
+    data = bytearray(path.read_bytes())
+    matrix = data.index(b"tkhd") + 4 + 40
+    struct.pack_into(">5i", data, matrix, a * 65536, b * 65536, 0, c * 65536, d * 65536)
+    path.write_bytes(data)
+    shown, stored = next(iter(read_video(path))).pixels, picture(0)
+    assert shown.shape == ((32, 16, 3) if swaps else (16, 32, 3))
+    for y, x in ((0, 0), (0, 31), (15, 0), (7, 20)):
+        u, v = a * x + c * y, b * x + d * y
+        u += (15 if swaps else 31) if u < 0 or (a or c) < 0 else 0
+        v += (31 if swaps else 15) if v < 0 or (b or d) < 0 else 0
+        np.testing.assert_array_equal(shown[v, u], stored[y, x])
+
+
 def test_sampling_size_and_names(tmp_path: Path) -> None:
     for name in ("b", "a"):
         write_video(tmp_path / f"{name}.mp4", 25)
@@ -124,6 +145,88 @@ def test_a_video_that_breaks_off(tmp_path: Path, ending: str) -> None:
     assert f"Only the first {kept} frames of {path} were kept: " in summary.notes[0]
     for number, frame in zip(range(kept), read_video(path), strict=False):
         np.testing.assert_array_equal(frame.pixels, picture(number))
+
+
+FASTSTART = {"movflags": "faststart"}
+FRAGMENTS = {"movflags": "frag_keyframe+empty_moov"}
+
+
+@pytest.mark.parametrize("share", [0.8, 0.88, 0.93, 0.97])
+@pytest.mark.parametrize(
+    ("name", "flags"), [("a.mkv", {}), ("a.mp4", FASTSTART), ("a.mov", FASTSTART), ("a.mp4", FRAGMENTS)]
+)
+def test_a_cut_of_less_than_a_second_is_noticed(tmp_path: Path, name: str, flags: dict[str, str], share: float) -> None:
+    path = tmp_path / name
+    write_video(path, 40, flags=flags)
+    assert import_route("video", path, tmp_path / "whole").notes == ()
+    data = path.read_bytes()
+    for zeros in (False, True):  # cut off, or the place on the disk taken and not filled
+        kept = int(len(data) * share)
+        path.write_bytes(data[:kept] + bytes(len(data) - kept) * zeros)
+        out = tmp_path / f"out-{zeros}"
+        try:
+            summary = import_route("video", path, out)
+        except RouteError as error:
+            assert "damaged=keep" in str(error)
+            summary = import_route("video", path, out, {"damaged": "keep"})
+            assert 20 <= summary.frames < 40
+            assert f"Only the first {summary.frames} frames of {path} were kept: " in summary.notes[0]
+        else:  # the frames are there, and what lay behind them is not; fragments do not announce the last frame
+            assert summary.frames == 40 or flags == FRAGMENTS
+            assert "was cut off" in summary.notes[0]
+
+
+@pytest.mark.parametrize("name", ["a.ts", "a.mpg", "a.mkv"])
+def test_an_end_that_is_not_announced_is_told(tmp_path: Path, name: str) -> None:
+    codec, form = ("mpeg2video", "yuv420p") if name == "a.mpg" else ("libx264", "yuv420p")
+    global_rate = {"live": "1"} if name == "a.mkv" else {}
+    path = tmp_path / name
+    with av.open(str(path), "w", options=global_rate) as container:
+        stream: Any = container.add_stream(codec, rate=25)
+        stream.height, stream.width, stream.pix_fmt = 16, 32, form
+        for number in range(20):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture(number), format="rgb24")))
+        container.mux(stream.encode())
+    (note,) = import_route("video", path, tmp_path / "out").notes
+    assert note == f"{path} does not announce where it ends, so whether it is whole cannot be checked."
+    if name == "a.ts":
+        path.write_bytes(path.read_bytes()[:-100])
+        assert "stops in the middle of its container" in check_video(path).doubt
+
+
+@pytest.mark.parametrize("start", [0.04, 1.5, 5.0, 3600.0])
+def test_matroska_that_does_not_start_at_0(tmp_path: Path, start: float) -> None:
+    path = tmp_path / "a.mkv"
+    write_video(path, 30, "ffv1", "bgr0", times=[round(1000 * start) + 100 * number for number in range(30)])
+    summary = import_route("video", path, tmp_path / "out")
+    assert (summary.frames, summary.notes) == (30, ())
+    assert last_frame_begins(path) == pytest.approx(2.9, abs=0.01)
+    path.write_bytes(path.read_bytes()[: int(0.9 * path.stat().st_size)])
+    with pytest.raises(RouteError, match=r"breaks off after 2\d frames"):
+        import_route("video", path, tmp_path / "cut")
+
+
+@pytest.mark.parametrize("dropped", [{3}, {10, 11, 12}, set(range(5, 30, 2))])
+def test_an_avi_with_dropped_frames(tmp_path: Path, dropped: set[int]) -> None:
+    path = tmp_path / "a.avi"
+    with av.open(str(path), "w") as container:
+        stream: Any = container.add_stream("mjpeg", rate=RATE)
+        stream.height, stream.width, stream.pix_fmt = 16, 32, "yuvj420p"
+        for number in sorted(set(range(40)) - dropped):
+            frame = av.VideoFrame.from_ndarray(picture(number), format="rgb24")
+            frame.pts, frame.time_base = number, Fraction(1, RATE)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    assert check_video(path).frames == 40
+    assert import_route("video", path, tmp_path / "out").frames == 40 - len(dropped)
+
+
+def test_videos_that_are_passed_over_are_counted(tmp_path: Path) -> None:
+    write_video(tmp_path / "a.mp4", 3)
+    for name in ("b.h264", "c.3gp", "d.3GP", "a.LRV", "e.mp4.part", "notes.txt"):
+        (tmp_path / name).touch()
+    (note,) = import_route("video", tmp_path, tmp_path.parent / "out").notes
+    assert "holds videos that were not read: 2 × .3gp, 1 × .h264, 1 × .lrv, 1 × .mp4.part; " in note
 
 
 def test_what_is_no_video(tmp_path: Path) -> None:

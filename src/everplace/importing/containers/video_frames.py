@@ -7,9 +7,10 @@ file's name nor a playlist in it leads anywhere.
 from __future__ import annotations
 
 import contextlib
+import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +18,14 @@ from numpy.typing import NDArray
 from everplace.errors import EverplaceError, MissingExtraError, RouteError
 from everplace.files import readable
 from everplace.images.decoding import MAX_PIXELS
+from everplace.importing.containers.video_ends import ends_early
 
 if TYPE_CHECKING:
     from av.container import InputContainer
     from av.video.frame import VideoFrame
     from av.video.stream import VideoStream
 
-__all__ = ["ANEW", "VIDEO_ENDINGS", "DecodedFrame", "check_video", "last_frame_begins", "read_video"]
+__all__ = ["ANEW", "VIDEO_ENDINGS", "DecodedFrame", "VideoAccount", "check_video", "last_frame_begins", "read_video"]
 
 VIDEO_ENDINGS = frozenset(
     {".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts", ".ts", ".webm", ".wmv"}
@@ -31,9 +33,12 @@ VIDEO_ENDINGS = frozenset(
 """Endings (lower case) by which a file in a directory counts as a video."""
 
 _BUFFER = 1 << 20
+_ENDLESS = frozenset({"mpegts", "mpeg", "mpegvideo"})  # FFmpeg takes the last time in the file for their end
+_MATRIX = struct.Struct("=ii4xii")
 _NO_VIDEO = "is no video that can be read"
 
-# A file that ends this much before the end it announces was cut off. Announced ends are no more exact than that.
+# A video that ends this much before the end it announces breaks off. Announced ends are no more exact than that; but
+# of a file that was cut off every frame that is missing counts.
 _SLACK_SECONDS = 1.0
 _SLACK_FRAMES = 2.0
 
@@ -46,7 +51,7 @@ class DecodedFrame(NamedTuple):
     """One frame of a video.
 
     Attributes:
-        pixels: H×W×3 uint8 RGB, upright: the rotation that the file asks for is applied.
+        pixels: H×W×3 uint8 RGB, upright: the rotation and the mirror that the file asks for are applied.
         seconds: When it is shown, from the first frame on; None where the file has no times.
     """
 
@@ -54,18 +59,32 @@ class DecodedFrame(NamedTuple):
     seconds: float | None
 
 
-def check_video(path: Path) -> int | None:
-    """Opens a video without decoding it.
+class VideoAccount(NamedTuple):
+    """What a video says of itself.
 
-    Returns:
-        How many frames it announces, if it does.
+    Attributes:
+        frames: How many it announces, if it does.
+        doubt: A sentence that says why it may not be whole; empty: there is no reason to think so.
+    """
+
+    frames: int | None
+    doubt: str
+
+
+def check_video(path: Path) -> VideoAccount:
+    """Opens a video without decoding it.
 
     Raises:
         RouteError: It is missing, empty or no video.
         MissingExtraError: PyAV is not installed.
     """
-    with _naming_errors(path, _NO_VIDEO), _opened(path) as (_, stream):
-        return stream.frames or None
+    with _naming_errors(path, _NO_VIDEO), _opened(path) as (container, stream):
+        doubts = []
+        if container.format.name in _ENDLESS or _announced_end(container, stream) is None:
+            doubts.append("does not announce where it ends, so whether it is whole cannot be checked")
+        if ends_early(path):
+            doubts.append("stops in the middle of its container, so it was cut off and frames may be missing")
+        return VideoAccount(stream.frames or None, f"{readable(path)} {'; it '.join(doubts)}." if doubts else "")
 
 
 def last_frame_begins(path: Path) -> float:
@@ -78,10 +97,10 @@ def last_frame_begins(path: Path) -> float:
         MissingExtraError: PyAV is not installed.
     """
     with _naming_errors(path, _NO_VIDEO), _opened(path) as (container, stream):
-        length = _announced_seconds(container, stream)
-        if length is not None:
+        end = _announced_end(container, stream)
+        if end is not None:
             # The last frame is shown for as long as the others.
-            return length - (1 / float(stream.average_rate) if stream.average_rate else 0.0)
+            return end - _start(stream) - _interval(stream)
         times = [packet.pts for packet in container.demux(stream) if packet.pts is not None]
         if times and stream.time_base is not None:
             return float((max(times) - min(times)) * stream.time_base)
@@ -108,6 +127,7 @@ def read_video(
         opened = contextlib.ExitStack()
         container, stream = opened.enter_context(_opened(path))
     first: int | None = None
+    end = float("-inf")
     with opened:
         frames = container.decode(stream)
         while True:
@@ -122,13 +142,15 @@ def read_video(
                 if frame.pts is not None and frame.time_base is not None:
                     first = frame.pts if first is None else first
                     last = seconds = float((frame.pts - first) * frame.time_base)
+                    shown = max(float((frame.duration or 0) * frame.time_base), _interval(stream))
+                    end = max(end, float(frame.pts * frame.time_base) + shown)
                 pixels = _upright(frame) if wanted(seconds) else None
             if pixels is not None:
                 yield DecodedFrame(pixels, seconds)
             done += 1
         if not done:
             raise RouteError(f"{readable(path)} holds no frame that can be decoded; {ANEW}")
-        if _is_cut_off(container, stream, done, last):
+        if _breaks_off(container, stream, done, None if last is None else end, was_cut=ends_early(path)):
             raise RouteError(f"{readable(path)} breaks off {_after(done, last)}; {broken}")
 
 
@@ -164,35 +186,71 @@ def _open_file(path: Path) -> BinaryIO:
 
 
 def _upright(frame: VideoFrame) -> NDArray[np.uint8]:
-    """Converts to RGB and turns; the file's rotation is counter-clockwise, in degrees."""
+    """Converts to RGB, and turns and mirrors as the display matrix says, to the nearest of its eight cases."""
     pixels = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
-    quarters = round(frame.rotation / 90) % 4
-    return np.ascontiguousarray(np.rot90(pixels, quarters)) if quarters else pixels
+    matrix: Any = frame.side_data.get("DISPLAYMATRIX")
+    if matrix is None:
+        return pixels
+    # ISO/IEC 14496-12: a pixel at (x, y), y down, is shown at (a x + c y, b x + d y).
+    a, b, c, d = _MATRIX.unpack_from(matrix)
+    if abs(a) + abs(d) >= abs(b) + abs(c):
+        left, up = a < 0, d < 0
+    else:
+        pixels = pixels.transpose(1, 0, 2)
+        left, up = c < 0, b < 0
+    return np.ascontiguousarray(pixels[:: -1 if up else 1, :: -1 if left else 1])
 
 
-def _is_cut_off(container: InputContainer, stream: VideoStream, done: int, last: float | None) -> bool:
-    """Says whether a video that was read to its end announced more."""
-    # An MP4 counts frames that its edit list leaves out.
-    if not container.format.name.startswith("mov") and done < stream.frames:
-        return True
-    announced = _announced_seconds(container, stream)
-    if announced is None or last is None:
-        return False
-    interval = 1 / float(stream.average_rate) if stream.average_rate else 0.0
-    return last + interval < announced - max(_SLACK_SECONDS, _SLACK_FRAMES * interval)
+def _breaks_off(container: InputContainer, stream: VideoStream, done: int, end: float | None, *, was_cut: bool) -> bool:
+    """Says whether a video that was read to its end announced more.
+
+    Args:
+        container: The file.
+        stream: What was read of it.
+        done: The number of frames.
+        end: When the last of them ends, in the stream's time.
+        was_cut: Whether the file was cut off.
+    """
+    announced = _announced_end(container, stream)
+    if announced is None or end is None:
+        # An MP4 counts frames that its edit list leaves out.
+        return not container.format.name.startswith("mov") and done < stream.frames
+    interval = _interval(stream)
+    slack = max(_SLACK_SECONDS, _SLACK_FRAMES * interval)
+    exact = was_cut and container.format.name not in _ENDLESS
+    return end < announced - (interval / 2 if exact else slack)
 
 
-def _announced_seconds(container: InputContainer, stream: VideoStream) -> float | None:
-    """Returns how long the video is by its own account."""
+def _announced_end(container: InputContainer, stream: VideoStream) -> float | None:
+    """Returns when the last frame ends by the file's own account, in the stream's time.
+
+    Lengths count from the first frame on, but in Matroska from 0, as FFmpeg writes them; where they count from the
+    first frame there too, as mkvmerge writes them, the end is too early by the first frame's time, and refuses nothing.
+    """
+    start = 0.0 if container.format.name.startswith("matroska") else _start(stream)
+    length = _own_length(stream)
+    if length is None and container.duration is not None and len(container.streams) == 1:
+        length = container.duration / 1_000_000
+    return None if length is None else start + length
+
+
+def _own_length(stream: VideoStream) -> float | None:
     if stream.duration is not None and stream.time_base is not None:
         return float(stream.duration * stream.time_base)
     hours, _, rest = stream.metadata.get("DURATION", "").partition(":")  # Matroska: 00:00:02.000000000
     minutes, _, seconds = rest.partition(":")
     with contextlib.suppress(ValueError):
         return 3600 * int(hours) + 60 * int(minutes) + float(seconds)
-    if container.duration is not None and len(container.streams) == 1:
-        return container.duration / 1_000_000
     return None
+
+
+def _interval(stream: VideoStream) -> float:
+    """Returns the seconds from one frame to the next; 0: not known."""
+    return 1 / float(stream.average_rate) if stream.average_rate else 0.0
+
+
+def _start(stream: VideoStream) -> float:
+    return float((stream.start_time or 0) * (stream.time_base or 0))
 
 
 def _after(done: int, last: float | None) -> str:

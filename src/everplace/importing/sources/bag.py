@@ -28,7 +28,7 @@ from everplace.importing.foreign_route import Content, Encoded, ForeignFrame, Fo
 from everplace.importing.positions.geodesy import local_plane, track_headings
 from everplace.importing.positions.pose_track import BODY_AXIS, PoseTrack, planar_track, with_poses
 from everplace.importing.positions.trajectory import OPTICAL_AXIS, Trajectory, rotation_of
-from everplace.importing.recording import Drive, RecordingOptions, recorded_route
+from everplace.importing.recording import Drive, RecordingOptions, passed_over, recorded_route
 from everplace.route.natural_order import natural_sorted
 
 __all__ = ["EXTRAS", "SUMMARY", "Options", "read"]
@@ -37,6 +37,13 @@ SUMMARY = "a ROS 1 bag, a ROS 2 bag or an MCAP file, or a directory of them, one
 
 EXTRAS = {"rosbags": "ros"}
 """Which extra brings the package that reads it."""
+
+_OTHER_ENDINGS = tuple(
+    ending + rest
+    for ending in sorted(BAG_ENDINGS)
+    for rest in (".active", ".orig", ".orig.active", ".zstd", ".zst", ".lz4", ".gz", ".bz2", ".part", ".tmp")
+)
+"""Endings of bags that cannot be read: still open when recording stopped, compressed, or broken downloads."""
 
 _IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 _FIX = "sensor_msgs/msg/NavSatFix"
@@ -78,9 +85,10 @@ def read(source: Path, options: Options) -> ForeignRoute:
         MissingExtraError: rosbags is not installed.
     """
     paths = _find_bags(source)
+    others = TreePath(source).children().files if source.is_dir() and source.absolute() not in paths else []
     origin = options.origin
     drives: list[Drive] = []
-    notes: list[str] = []
+    notes = passed_over(source, others, "bags", _OTHER_ENDINGS)
     for path in paths:
         with open_bag(path) as bag:
             images = _choose(bag, path, "image", "topic", options.topic, (_IMAGE, _COMPRESSED))

@@ -9,13 +9,15 @@ left of it. The other cameras, which are at most 0.6 m beside that one, get its 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from everplace.errors import RouteError
 from everplace.files import readable
+from everplace.importing.containers.data_set_search import find_directories
 from everplace.importing.containers.file_trees import TreePath, image_names
 from everplace.importing.containers.text_rows import read_rows
 from everplace.importing.foreign_route import ForeignRoute
@@ -54,7 +56,20 @@ def read(source: Path, options: Options) -> ForeignRoute:
     Raises:
         RouteError: There is no such sequence, or a file in it is missing or malformed.
     """
-    found, notes = find_sequences(source, lambda path: (path / options.camera).is_dir(), f"{options.camera}/")
+
+    def holding(camera: str) -> Callable[[TreePath], bool]:
+        return lambda path: (path / camera).is_dir()
+
+    try:
+        found, notes = find_sequences(source, holding(options.camera), f"{options.camera}/")
+    except RouteError as error:
+        for camera in get_args(Options.model_fields["camera"].annotation):  # the colour archive has image_2 and image_3
+            if find_directories(source, holding(camera))[0]:
+                raise RouteError(
+                    f"neither {readable(source)} nor a directory in it holds {options.camera}/, but there is {camera}/"
+                    f"; take it with --set camera={camera}"
+                ) from error
+        raise
     names = [path.name for path in found]
     for name in options.sequences:
         if name not in names:

@@ -22,7 +22,7 @@ from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.containers.video_frames import ANEW, VIDEO_ENDINGS, check_video, read_video
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute
 from everplace.importing.positions.pose_track import named_by_poses, read_named_poses, read_pose_track, with_poses
-from everplace.importing.recording import Drive, RecordingOptions, recorded_route
+from everplace.importing.recording import Drive, RecordingOptions, passed_over, recorded_route
 from everplace.route.csv_table import CsvTable
 
 __all__ = ["EXTRAS", "SUMMARY", "Options", "read"]
@@ -32,6 +32,28 @@ SUMMARY = "a video file, or a directory of video files, one for each drive"
 EXTRAS = {"av": "video"}
 """Which extra brings the package that reads it."""
 
+
+_OTHER_ENDINGS = (
+    *(
+        ".264",
+        ".265",
+        ".360",
+        ".3g2",
+        ".3gp",
+        ".asf",
+        ".dav",
+        ".f4v",
+        ".flv",
+        ".h264",
+        ".h265",
+        ".hevc",
+        ".insv",
+        ".ivf",
+    ),
+    *(".lrv", ".mjpeg", ".mjpg", ".mod", ".mpe", ".mxf", ".ogv", ".rmvb", ".tod", ".vob", ".y4m"),
+    *(ending + rest for ending in sorted(VIDEO_ENDINGS) for rest in (".part", ".crdownload", ".tmp")),
+)
+"""Endings of videos that a directory's are not taken by: other forms, previews of cameras, broken downloads."""
 
 _BROKEN = f"{ANEW}, or take the frames before that with --set damaged=keep"
 
@@ -53,21 +75,22 @@ def read(source: Path, options: Options) -> ForeignRoute:
         MissingExtraError: PyAV is not installed.
     """
     paths = [source]
+    notes: list[str] = []
     if source.is_dir():
         files = TreePath(source).children().files
         paths = [source / name for name in files if name.lower().endswith(tuple(VIDEO_ENDINGS))]
+        notes += passed_over(source, files, "videos", _OTHER_ENDINGS)
     if not paths:
         raise RouteError(
             f"{readable(source)} holds no video ({', '.join(sorted(VIDEO_ENDINGS))}); give a video or a directory of "
             "videos"
         )
-    notes: list[str] = []
     drives = [_open(path, options, notes) for path in paths]
     return recorded_route(source, drives, options, notes)
 
 
 def _open(path: Path, options: Options, notes: list[str]) -> Drive:
-    count = check_video(path)
+    count, doubt = check_video(path)
     sidecar = path.with_suffix(".poses.csv")
     timed = sidecar.exists() and "seconds" in CsvTable(sidecar).columns
     track = read_pose_track(sidecar) if timed else None
@@ -77,7 +100,9 @@ def _open(path: Path, options: Options, notes: list[str]) -> Drive:
         kept, problem = _readable_frames(path)
         if problem is not None:
             notes.append(f"Only the first {kept} frames of {readable(path)} were kept: {problem}.")
-            count = kept
+            count, doubt = kept, ""
+    if doubt:
+        notes.append(doubt)
     frames = _frames(path, kept)
     if named is not None:
         # A video that broke off has fewer frames than poses.
