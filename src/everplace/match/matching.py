@@ -186,7 +186,7 @@ def find_matches(
         _exclude(S, rows.start, exclude, -np.inf)
         if new_place is not None:  # what the excluded places had is shared among those that are left, and a new one
             left = np.logaddexp(np.logaddexp.reduce(S.astype(np.float64), axis=1), new_place[rows])
-            S -= left[:, None].astype(np.float32)
+            np.subtract(S, left[:, None].astype(np.float32), out=S)
             new_place[rows] -= left
         found.append(best_columns(S, k))
     indices, scores = (np.concatenate(parts) for parts in zip(*found, strict=True))
