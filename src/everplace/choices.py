@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Literal, TypeAlias, get_args
 
-__all__ = ["SEQUENCE_METHODS", "AlignedBy", "DescriptorFormat", "MatchFormat", "SequenceMethod", "Standardisation"]
+__all__ = [
+    "SEQUENCE_METHODS",
+    "AlignedBy",
+    "DescriptorFormat",
+    "MatchFormat",
+    "ScoreKind",
+    "SequenceMethod",
+    "Standardisation",
+]
 
 Standardisation: TypeAlias = Literal["centre", "full"]
 """See `everplace.match.standardise`."""
@@ -19,6 +27,9 @@ DescriptorFormat: TypeAlias = Literal["everplace", "hloc"]
 
 MatchFormat: TypeAlias = Literal["csv", "hloc-pairs", "kapture"]
 """See `everplace.match.match_file`."""
+
+ScoreKind: TypeAlias = Literal["cosine", "negative-difference", "log-probability", "log-odds", "seqslam"]
+"""What the score of a match is; see `everplace.match.matching.Matching.score_kind`."""
 
 AlignedBy: TypeAlias = Literal["poses", "pairs", "images"]
 """What tells the same places of two drives; see `everplace.alignment.align`."""

@@ -279,7 +279,7 @@ def test_descriptor_files_hold_what_the_contract_says(way: Path) -> None:
 def test_matches_are_ranked(way: Path) -> None:
     with (way / "matches.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert list(rows[0]) == ["query", "database", "score", "rank"]
+    assert list(rows[0]) == ["query", "database", "score", "rank", "score_kind"]
     assert len(rows) == 60 * 3
     assert [row["rank"] for row in rows[:3]] == ["1", "2", "3"]
     assert float(rows[0]["score"]) >= float(rows[1]["score"]) >= float(rows[2]["score"])

@@ -152,3 +152,21 @@ def test_a_dash_is_refused_where_the_result_is_no_text(command: str, capsys: pyt
     }
     assert main.run([command, *given[command], "--out", "-"]) == 2
     assert "--out - is standard output, which takes text alone" in capsys.readouterr().err
+
+
+def test_match_can_say_no(described: dict[tuple[str, str], Path], tmp_path: Path) -> None:
+    summer, winter = described["summer", "everplace"], described["winter", "everplace"]
+    rows: dict[str, list[dict[str, str]]] = {}
+    for name, options in {"all": [], "sure": ["--min-probability", "0.9"], "never": ["--min-probability", "1"]}.items():
+        call("match", summer, winter, "--sequence", "6", *options, "--out", tmp_path / name)
+        rows[name] = list(csv.DictReader((tmp_path / name).read_text().splitlines()))
+    assert {row["score_kind"] for row in rows["all"]} == {"log-odds"}
+    assert rows["sure"] == [row for row in rows["all"] if float(row["score"]) >= 2.1972246]
+    assert len(rows["never"]) < len(rows["sure"]) or not rows["sure"]
+    call("match", summer, summer, "--exclude", "3", "--out", tmp_path / "loops")
+    loops = list(csv.DictReader((tmp_path / "loops").read_text().splitlines()))
+    assert len(loops) == 12
+    assert all(abs(int(row["query"]) - int(row["database"])) >= 3 for row in loops)
+    assert main.run(["match", str(summer), str(winter), "--min-probability", "0.5", "--out", str(tmp_path / "x")]) == 2
+    assert main.run(["match", str(summer), str(winter), "--exclude", "0", "--out", str(tmp_path / "x")]) == 2
+    assert not (tmp_path / "x").exists()

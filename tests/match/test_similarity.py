@@ -123,7 +123,7 @@ def test_minus_zero_ties_with_zero() -> None:
 @quick
 @given(arrays(np.float32, st.integers(1, 20), elements=st.floats(width=32, allow_nan=False)))
 def test_ranking_keys_sort_as_the_scores(scores: NDArray[np.float32]) -> None:
-    keys = module._ranking_keys(scores[None], 0)[0]
+    keys = module._ranking_keys(scores[None], np.arange(len(scores)))[0]
     assert np.argsort(-keys).tolist() == np.argsort(-scores, kind="stable").tolist()
     assert len(set(keys.tolist())) == len(scores)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -33,6 +33,25 @@ def match(
     out: OutFile,
     top: Annotated[int, typer.Option("--top", min=1, metavar="K", help="Matches for each query.")] = 1,
     how: MatchingOptions,
+    min_probability: Annotated[
+        float | None,
+        typer.Option(
+            "--min-probability",
+            min=0.0,
+            max=1.0,
+            metavar="P",
+            help="Write matches of at least this probability only; needs --sequence with the filter, or fabmap.",
+        ),
+    ] = None,
+    exclude: Annotated[
+        int | None,
+        typer.Option(
+            "--exclude",
+            min=1,
+            metavar="N",
+            help="Frames nearer than N are no match, where DATABASE and QUERY are one drive: finds loops.",
+        ),
+    ] = None,
     kind: Annotated[MatchFormat, typer.Option("--format", help="Kind of file.")] = "csv",
     as_json: Json = False,
 ) -> None:
@@ -40,6 +59,9 @@ def match(
 
     FILE may be - for standard output. As csv it holds the names (stems) of the frames, as hloc-pairs and kapture the
     names of the image files.
+
+    The column score_kind says what a score is. Where the probability is known that the database does not hold a place
+    at all, hloc-pairs leaves out the frames for which it is over one half.
 
     Example: everplace match summer.h5 winter.h5 --top 5 --out matches.csv
     """
@@ -51,11 +73,14 @@ def match(
         require_other(out, given)
     from everplace.describe.files.descriptors import load_descriptors
     from everplace.match.match_file import write_matches
-    from everplace.match.matching import best_matches
+    from everplace.match.matching import find_matches
     from everplace.match.new_place import new_place_summary
 
     asked, known = load_descriptors(query), load_descriptors(database)
-    indices, scores = best_matches(asked, known, top, how.matching())
+    found = find_matches(asked, known, top, how.matching(), exclude=exclude)
+    accepted = found.accepted(min_probability)
+    if kind == "hloc-pairs" and found.on_map is not None:
+        accepted &= (found.on_map >= 0.5)[:, None]
     asked_names, known_names = (
         described.names if kind == "csv" else _image_names(described, path, kind)
         for described, path in ((asked, query), (known, database))
@@ -65,10 +90,20 @@ def match(
             f"{readable(query)} and {readable(database)} call images alike, so {kind} cannot tell them apart; describe "
             "both with one --image-root that holds the two directories"
         )
-    write_matches(out, asked_names, known_names, indices, scores, format=kind)
+    write_matches(
+        out, asked_names, known_names, found.indices, found.scores,
+        format=kind, kind=found.kind, accepted=accepted,
+    )  # fmt: skip
     if out == STANDARD_OUTPUT:
         return
-    result = {"queries": len(asked), "database": len(known), "matches": indices.size, "out": str(out)}
+    result: dict[str, Any] = {
+        "queries": len(asked),
+        "database": len(known),
+        "matches": int(accepted.sum()),
+        "queries_without_match": int((~accepted.any(axis=1)).sum()),
+        "score_kind": found.kind,
+        "out": str(out),
+    }
     if (new_place := new_place_summary(asked, known)) is not None:
         result["new_place"] = new_place
     show_result(result, as_json)

@@ -29,12 +29,15 @@ class PlacePosterior:
     Args:
         query: M×(2W + 1) descriptors; only their part as observations is used.
         database: N×(2W + 1) descriptors; only their part as places is used.
+        counts: (N,) how many places of the database each of them stands for; None: one.
 
     Raises:
         DescriptorsError: The descriptors are not FAB-MAP's.
     """
 
-    def __init__(self, query: NDArray[np.float32], database: NDArray[np.float32]) -> None:
+    def __init__(
+        self, query: NDArray[np.float32], database: NDArray[np.float32], counts: NDArray[np.int64] | None = None
+    ) -> None:
         words, odd = divmod(query.shape[1], 2)
         if not odd or not words or database.shape[1] != query.shape[1]:
             raise DescriptorsError(
@@ -44,6 +47,7 @@ class PlacePosterior:
         self._coefficients = query[:, words : 2 * words]
         self._new_place = query[:, 2 * words]
         self._places = database[:, :words]
+        self._counts = np.ones(len(database), np.int64) if counts is None else counts
         self._known: tuple[slice, NDArray[np.float32], NDArray[np.float64]] | None = None
 
     def log_probability(self, rows: slice, columns: slice) -> NDArray[np.float32]:
@@ -87,11 +91,14 @@ class PlacePosterior:
         """
         top = self._new_place[rows].copy()
         others = np.zeros(len(top))
+        start = 0
         for x in blocks:
+            counts = self._counts[start : start + x.shape[1]].astype(np.float32)
+            start += x.shape[1]
             best = x.argmax(axis=1)[:, None]
             highest = np.take_along_axis(x, best, axis=1)[:, 0]
-            share = np.exp(x - highest[:, None])
-            np.put_along_axis(share, best, 0.0, axis=1)
+            share = np.exp(x - highest[:, None]) * counts
+            np.put_along_axis(share, best, counts[best] - 1, axis=1)
             rest = share.sum(axis=1, dtype=np.float64)
             higher, lower = np.maximum(top, highest), np.minimum(top, highest)
             of_higher, of_lower = np.where(highest > top, (rest, others), (others, rest))

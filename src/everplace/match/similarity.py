@@ -1,9 +1,14 @@
-"""Similarity of descriptors, whole, in blocks, or only the best K; higher always means more alike."""
+"""Similarity of descriptors, whole, in blocks, or only the best K; higher always means more alike.
+
+Equal descriptors get equal scores. A matrix product does not promise that: it rounds equal columns differently by
+where they stand. So each distinct descriptor of the database is compared once, and equal queries in one way.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +18,7 @@ from everplace.describe.files.descriptors import Descriptors
 from everplace.errors import ConfigError, DescriptorsError
 from everplace.fabmap.place_posterior import PlacePosterior
 from everplace.images.decoding import usable_cores
+from everplace.match.equal_rows import EqualRows
 
 __all__ = ["best_columns", "similarity", "similarity_blocks", "top_k"]
 
@@ -65,11 +71,15 @@ def similarity_blocks(
     """
     if block < 1:
         raise ConfigError(f"blocks of {block} queries are not possible; give at least 1")
-    compare = _comparison(query, database)
-    columns = slice(0, len(database))
+    comparison = _Comparison(query, database)
+    asked, places = EqualRows(query.values), slice(0, len(comparison.places))
     for start in range(0, len(query), block):
         rows = slice(start, min(start + block, len(query)))
-        yield rows, compare(rows, columns)
+        S = comparison(rows, places)
+        first = asked.first[rows]
+        for one in np.unique(first[asked.repeated[rows]]).tolist():  # alone, so that no block decides how it is rounded
+            S[first == one] = comparison(slice(one, one + 1), places)
+        yield rows, S if len(places_of := comparison.places) == len(database) else S[:, places_of.member]
 
 
 def top_k(query: Descriptors, database: Descriptors, k: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
@@ -88,16 +98,26 @@ def top_k(query: Descriptors, database: Descriptors, k: int) -> tuple[NDArray[np
         DescriptorsError: As for `similarity`.
     """
     _require_some(k)
-    compare = _comparison(query, database)
+    asked = EqualRows(query.values)
+    if len(asked) < len(query):
+        names = tuple(query.names[row] for row in asked.distinct)
+        once = replace(query, values=query.values[asked.distinct], names=names, image_names=None)
+        indices, scores = top_k(once, database, k)
+        return indices[asked.member], scores[asked.member]
+    comparison = _Comparison(query, database)
+    places = comparison.places
     k = min(k, len(database))
     indices = np.empty((len(query), k), np.int64)
     scores = np.empty((len(query), k), np.float32)
     for first in range(0, len(query), _BLOCK):
         rows = slice(first, min(first + _BLOCK, len(query)))
         best = np.empty((rows.stop - rows.start, 0), np.int64)
-        for start in range(0, len(database), _DATABASE_BLOCK):
-            columns = slice(start, min(start + _DATABASE_BLOCK, len(database)))
-            best = _largest(np.hstack([best, _ranking_keys(compare(rows, columns), start)]), k)
+        for start in range(0, len(places), _DATABASE_BLOCK):
+            columns = slice(start, min(start + _DATABASE_BLOCK, len(places)))
+            keys = _ranking_keys(comparison(rows, columns), places.distinct[columns])
+            best = _largest(np.hstack([best, keys]), k)
+        if len(places) < len(database):
+            best = np.stack([_with_equal_places(keys, places, k) for keys in best])
         best = np.sort(best, axis=1)[:, ::-1]
         indices[rows] = _columns_of(best)
         scores[rows] = _ordered_bits((best >> 32).astype(np.int32)).view(np.float32)
@@ -120,10 +140,11 @@ def best_columns(S: NDArray[np.floating[Any]], k: int) -> tuple[NDArray[np.int64
     _require_some(k)
     k = min(k, S.shape[1])
     columns = np.empty((len(S), k), np.int64)
+    every = np.arange(S.shape[1], dtype=np.int64)
     for first in range(0, len(S), _BLOCK):
         rows = slice(first, min(first + _BLOCK, len(S)))
         block = np.where(np.isnan(S[rows]), -np.inf, S[rows]).astype(np.float32, copy=False)
-        columns[rows] = _columns_of(np.sort(_largest(_ranking_keys(block, 0), k), axis=1)[:, ::-1])
+        columns[rows] = _columns_of(np.sort(_largest(_ranking_keys(block, every), k), axis=1)[:, ::-1])
     return columns, np.take_along_axis(S, columns, axis=1).astype(np.float32, copy=False)
 
 
@@ -136,10 +157,17 @@ def _columns_of(keys: NDArray[np.int64]) -> NDArray[np.int64]:
     return _INDEX - (keys & _INDEX)
 
 
-def _ranking_keys(S: NDArray[np.float32], start: int) -> NDArray[np.int64]:
+def _with_equal_places(keys: NDArray[np.int64], places: EqualRows, k: int) -> NDArray[np.int64]:
+    """The K largest keys, once each key of a distinct place also stands for the places that are equal to it."""
+    equal = [places.members[place][:k] for place in places.member[_columns_of(keys)]]
+    scores = np.repeat(keys & ~_INDEX, [len(some) for some in equal])
+    largest: NDArray[np.int64] = np.sort(scores | (_INDEX - np.concatenate(equal)))[-k:]
+    return largest
+
+
+def _ranking_keys(S: NDArray[np.float32], columns: NDArray[np.int64]) -> NDArray[np.int64]:
     """Packs score and column into one integer that sorts as (score, lower index first)."""
     bits = _ordered_bits((S + np.float32(0)).view(np.int32))  # + 0 makes -0 and 0 equal
-    columns = np.arange(start, start + S.shape[1], dtype=np.int64)
     keys: NDArray[np.int64] = (bits.astype(np.int64) << 32) | (_INDEX - columns)
     return keys
 
@@ -154,15 +182,32 @@ def _largest(keys: NDArray[np.int64], k: int) -> NDArray[np.int64]:
     return keys if surplus <= 0 else np.partition(keys, surplus, axis=1)[:, surplus:]
 
 
-def _comparison(query: Descriptors, database: Descriptors) -> Callable[[slice, slice], NDArray[np.float32]]:
-    """Returns the function that compares some queries with some database frames."""
-    _require_comparable(query, database)
-    if query.metric == "cosine":
-        directions = _directions(query.values), _directions(database.values)
-        return lambda rows, columns: _cosine(directions[0][rows], directions[1][columns])
-    if query.metric == "place-posterior":
-        return PlacePosterior(query.values, database.values).log_probability
-    return lambda rows, columns: 0 - _mean_absolute_difference(query.values[rows], database.values[columns])
+class _Comparison:
+    """Compares some queries with some of the distinct descriptors of a database.
+
+    Attributes:
+        places: Which rows of the database are distinct.
+    """
+
+    def __init__(self, query: Descriptors, database: Descriptors) -> None:
+        """Raises a DescriptorsError where the two do not come from the same method, settings and dimension."""
+        _require_comparable(query, database)
+        self._metric = query.metric
+        self._query, values = query.values, database.values
+        if self._metric == "cosine":
+            self._query, values = _directions(self._query), _directions(values)
+        self.places = EqualRows(values)
+        self._places = values if len(self.places) == len(values) else values[self.places.distinct]
+        if self._metric == "place-posterior":
+            self._posterior = PlacePosterior(self._query, self._places, self.places.counts)
+
+    def __call__(self, rows: slice, places: slice) -> NDArray[np.float32]:
+        """Scores of these queries, by distinct place."""
+        if self._metric == "cosine":
+            return _cosine(self._query[rows], self._places[places])
+        if self._metric == "place-posterior":
+            return self._posterior.log_probability(rows, places)
+        return 0 - _mean_absolute_difference(self._query[rows], self._places[places])
 
 
 def _require_comparable(query: Descriptors, database: Descriptors) -> None:
@@ -183,7 +228,10 @@ def _require_comparable(query: Descriptors, database: Descriptors) -> None:
 def _directions(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Divides every row by its length; a zero row stays zero."""
     # Lengths in double precision: the square of a large or tiny float32 is no float32.
-    squares = np.einsum("ij,ij->i", values, values, dtype=np.float64)
+    # Block by block and row by row: how a row is rounded may not depend on where it stands.
+    squares = np.empty(len(values))
+    for start in range(0, len(values), _BLOCK):
+        squares[start : start + _BLOCK] = np.square(values[start : start + _BLOCK], dtype=np.float64).sum(axis=1)
     inverse = np.divide(1.0, np.sqrt(squares), out=np.zeros_like(squares), where=squares > 0)
     directions = np.empty_like(values)
     np.multiply(values, inverse[:, None], out=directions, casting="same_kind")
