@@ -18,6 +18,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from everplace.alignment.aligned_route import align
     from everplace.describe.describer import Describer
     from everplace.describe.files.descriptors import Descriptors, load_descriptors
     from everplace.describe.registry import load
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from everplace.sequences.route_model import RouteModel
     from everplace.sequences.route_path import best_path, smooth_route
     from everplace.sequences.sequence_search import average_sequences, search_sequences
+    from everplace.training.fitted_methods import train
 
 __all__ = [
     "Answer",
@@ -51,6 +53,7 @@ __all__ = [
     "Scores",
     "Selection",
     "Traverse",
+    "align",
     "average_sequences",
     "best_path",
     "evaluate",
@@ -68,6 +71,7 @@ __all__ = [
     "smooth_route",
     "standardise",
     "top_k",
+    "train",
     "truth_by_pose",
     "truth_by_position",
 ]
@@ -86,6 +90,7 @@ _HOME = {
     "Scores": "scoring.scores",
     "Selection": "route.selection",
     "Traverse": "route.traverse",
+    "align": "alignment.aligned_route",
     "average_sequences": "sequences.sequence_search",
     "best_path": "sequences.route_path",
     "evaluate": "scoring.scores",
@@ -103,6 +108,7 @@ _HOME = {
     "smooth_route": "sequences.route_path",
     "standardise": "match.standardise",
     "top_k": "match.similarity",
+    "train": "training.fitted_methods",
     "truth_by_pose": "route.truth",
     "truth_by_position": "route.truth",
 }

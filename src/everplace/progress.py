@@ -6,10 +6,10 @@ draws bars on stderr, everyone else gets `quiet`, which does nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol, TypeVar
 
-__all__ = ["Progress", "quiet"]
+__all__ = ["Progress", "quiet", "shown"]
 
 T = TypeVar("T")
 
@@ -31,3 +31,19 @@ class Progress(Protocol):
 def quiet(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:  # noqa: ARG001
     """The `Progress` that shows nothing."""
     yield from items
+
+
+def shown(progress: Progress, what: str, work: Callable[[], T]) -> T:
+    """Does work that cannot say how far it has come, under a bar that only shows that it goes on.
+
+    Args:
+        progress: Shows it.
+        what: A few words for the person who waits.
+        work: What takes more than two seconds.
+    """
+
+    def once() -> Iterator[T]:
+        yield work()
+
+    (done,) = progress(once(), what)
+    return done

@@ -605,3 +605,23 @@ def test_ctrl_c_ends_with_130_and_the_run_can_go_on(tmp_path: Path) -> None:
     assert "Traceback" not in said
     assert said.strip().splitlines()[-1].startswith("everplace: stopped")
     assert not list((tmp_path / "run").rglob("*.part*"))
+
+
+@pytest.mark.parametrize("command", [[], ["train"], ["data", "align"], ["show", "matrix"]])
+def test_the_short_option_for_help_is_the_long_one(command: list[str]) -> None:
+    assert call(*command, "-h") == call(*command, "--help")
+    assert call(*command, "-h")[0] == 0
+
+
+def test_the_recipes_are_named_in_the_help() -> None:
+    assert "faithful|best" in call("train", "-h")[1]
+
+
+@pytest.mark.parametrize("names", [",", ",,"])
+@pytest.mark.parametrize("command", ["train", "compare", "data render"])
+def test_a_list_without_a_name_is_refused(command: str, names: str, tiny_route: Path, tmp_path: Path) -> None:
+    more = {"train": "--model vae", "compare": "--methods sad", "data render": ""}[command].split()
+    given: list[str | Path] = [*([tiny_route] if more else []), *more]
+    said = refused(*command.split(), *given, "--conditions", names, "--out", tmp_path / "out")
+    assert f"--conditions {names!r} names nothing; write names separated by commas" in said
+    assert not (tmp_path / "out").exists()

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from everplace.describe import methods
-from everplace.describe.registry import kind_of_run, method_names, open_describer
+from everplace.describe.registry import kind_of_run, load, method_names, open_describer
 from everplace.errors import MethodError
 from everplace.images.decoding import ImageSpec, decode_image
 from everplace.progress import quiet
@@ -117,3 +117,18 @@ def test_a_directory_that_is_no_run_is_named(tmp_path: Path) -> None:
 def test_a_method_without_options_refuses_an_argument(name: str) -> None:
     with pytest.raises(MethodError, match=f"write {name} instead of {name}:fast"):
         open_describer(f"{name}:fast")
+
+
+@pytest.mark.parametrize("device", ["nonsense", "cuda:99"])
+def test_a_device_that_is_not_there_is_refused(device: str) -> None:
+    with pytest.raises(MethodError, match=f"there is no device '{device}' here"):
+        load("hog", device=device)
+
+
+def test_a_network_is_opened_on_the_device_asked_for(tmp_path: Path) -> None:
+    (tmp_path / "hubconf.py").write_text(
+        "from torch import nn\n\n\ndef net():\n    return nn.Sequential(nn.AdaptiveAvgPool2d(2), nn.Flatten())\n"
+    )
+    with pytest.raises(MethodError):  # the device without memory computes nothing
+        load(f"hub:{tmp_path}:net", device="meta")
+    assert load(f"hub:{tmp_path}:net", device="cpu").dimension == 12

@@ -111,3 +111,17 @@ def test_traverses_with_the_same_stems(tmp_path: Path) -> None:
     route = open_route(make(tmp_path, a=["9", "10"], b=["10", "9"]))
     assert route.shared_stems() == ("9", "10")
     assert route.aligned
+
+
+def test_a_route_lists_its_traverses_and_knows_names_and_conditions(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "1.png").touch()
+    (tmp_path / "route.toml").write_text("[traverses.b]\ncondition = 'night'\n")
+    route = open_route(tmp_path)
+    assert list(route) == ["a", "b"]
+    assert len(route) == 2
+    assert all(name in route for name in ("a", "b", "night"))
+    assert "c" not in route
+    assert repr(route) == f"Route({tmp_path}: a (1), b (1))"
+    assert repr(route["b"]) == "Traverse(b, night: 1 frames)"

@@ -289,3 +289,11 @@ def test_memory_stays_below_a_copy_of_the_matrix(monkeypatch: pytest.MonkeyPatch
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < S.nbytes / 4
+
+
+def test_recall_is_found_by_number_and_by_text_and_stays_text_in_json() -> None:
+    scores = evaluate(np.eye(3), np.eye(3, dtype=bool))
+    assert scores.recall_at[1] == scores.recall_at["1"] == 1.0
+    assert json.loads(json.dumps(scores.to_dict()))["recall_at"] == {"1": 1.0, "5": 1.0, "10": 1.0}
+    assert repr(scores).startswith("Scores(recall@1 1.000, ")
+    assert len(repr(scores)) < 160

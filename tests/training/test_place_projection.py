@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -21,6 +22,7 @@ from everplace.training.fit import train
 from everplace.training.frames import FrameBlock, SplitRoute, split_route
 from everplace.training.place_projection import fit_place_projection
 
+T = TypeVar("T")
 MakeConfig = Callable[..., TrainConfig]
 
 
@@ -114,3 +116,16 @@ def test_what_changes_along_a_stretch_is_kept_out() -> None:
         first, second = z_p(fitted, SplitRoute(("day", "night"), blocks, blocks, True))
         apart.append(float((first - second).mean(0).norm() / first.std()))
     assert apart[1] < 0.5 * apart[0]
+
+
+def test_the_bar_moves_within_a_block_of_places_and_the_solving_is_shown(split: SplitRoute) -> None:
+    told: dict[str, tuple[int, int | None]] = {}
+
+    def count(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
+        for done, item in enumerate(items, start=1):
+            told[what] = done, total
+            yield item
+
+    fit_place_projection(model(), split, PlaceProjection(), count)
+    assert told["the projection"] == (7, 7)  # one block: two traverses, mirrored too, and three kinds of light
+    assert told["solving for the projection"] == (1, None)

@@ -4,24 +4,76 @@ from __future__ import annotations
 
 import csv
 import io
+import os
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-from everplace.alignment.align import Alignment
-from everplace.errors import RouteError
-from everplace.files import readable
+from everplace.alignment.align import Alignment, align_by_images, align_by_pairs, align_by_poses
+from everplace.choices import AlignedBy
+from everplace.describe.registry import open_describer
+from everplace.errors import ConfigError, RouteError
+from everplace.files import readable, require_free_directory
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse
 from everplace.importing.import_route import ImportSummary, write_route
 from everplace.progress import Progress, quiet
 from everplace.route.csv_table import read_times
 from everplace.route.folder import TIMES_CSV
-from everplace.route.route import Traverse
+from everplace.route.route import Route, Traverse, open_route
 from everplace.route.truth import TruthPair, TruthTable
 
-__all__ = ["ALIGNMENT_CSV", "write_aligned"]
+__all__ = ["ALIGNMENT_CSV", "align", "write_aligned"]
 
 ALIGNMENT_CSV = "alignment.csv"
 """In an aligned route: which frame of each drive became which stem."""
+
+
+def align(
+    route: Route,
+    out: str | os.PathLike[str],
+    *,
+    by: AlignedBy = "images",
+    method: str = "hog",
+    pairs: str | os.PathLike[str] | None = None,
+    reference: str | None = None,
+    radius: float | None = None,
+    progress: Progress = quiet,
+) -> Route:
+    """Writes a route in which the same stem means the same place, and opens it.
+
+    What must be said of it, such as drives that hardly agree, is a `UserWarning`.
+
+    Args:
+        route: The drives, aligned or not.
+        out: The new route, a directory that does not exist or is empty.
+        by: What tells the same places.
+        method: Describes the images, for `by="images"`.
+        pairs: A CSV file of frames that show the same place, for `by="pairs"`.
+        reference: The traverse whose stems are kept; None: the one with the fewest frames.
+        radius: Metres between two frames of a place, for `by="poses"`.
+        progress: Told of describing and writing.
+
+    Raises:
+        ConfigError: The arguments do not go together, or `out` is not free.
+        RouteError: The drives cannot be aligned so.
+        MethodError: There is no such method.
+        StorageError: `out` cannot be written to.
+    """
+    if (by == "pairs") != (pairs is not None):
+        raise ConfigError("by='pairs' and pairs go together; give both or none of them")
+    if radius is not None and by != "poses":
+        raise ConfigError(f"radius is of no use with by={by!r}; leave it out")
+    require_free_directory(Path(out))
+    if by == "images":
+        alignment = align_by_images(route, open_describer(method), reference, progress)
+    elif pairs is not None:
+        alignment = align_by_pairs(route, Path(pairs), reference)
+    else:
+        alignment = align_by_poses(route, reference, radius)
+    written = write_aligned(alignment, Path(out), progress)
+    for sentence in (*alignment.warnings, *written.notes):
+        warnings.warn(sentence, stacklevel=2)
+    return open_route(out)
 
 
 def write_aligned(alignment: Alignment, out: Path, progress: Progress = quiet) -> ImportSummary:

@@ -47,7 +47,7 @@ def render(
     if image_size is not None:
         given["size"] = image_size
     if conditions:
-        given["conditions"] = split_names(conditions)
+        given["conditions"] = split_names(conditions, "--conditions")
     config = render_config(given)
     render_route(out, config, progress=show_progress(), workers=usable_cores())
     show_result({"route": str(out), "traverses": list(config.conditions), "places": config.places}, as_json)

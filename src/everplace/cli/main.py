@@ -34,7 +34,8 @@ app = typer.Typer(
     name="everplace",
     help="Recognise a place again in another season, weather or light.\n\nStart with: everplace demo",
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )

@@ -54,7 +54,7 @@ class RouteOptions(SelectionOptions):
     @property
     def names(self) -> tuple[str, ...]:
         """The traverses or conditions; none: all."""
-        return options.split_names(self.conditions)
+        return options.split_names(self.conditions, "--conditions")
 
     def chosen(self, route: Path) -> Route:
         """Opens the route and chooses its traverses."""

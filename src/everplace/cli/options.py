@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from everplace.choices import SequenceMethod, Standardisation
+from everplace.errors import ConfigError
 
 __all__ = [
     "AnySize", "Conditions", "Database", "DropDark", "DropStationary", "Epochs", "Frames", "Grey", "ImageSize", "Json",
@@ -69,9 +70,20 @@ SequenceSearch = Annotated[
 ]
 
 
-def split_names(text: str) -> tuple[str, ...]:
-    """Reads `A,B`."""
-    return tuple(name for name in text.split(",") if name)
+def split_names(text: str, option: str = "") -> tuple[str, ...]:
+    """Reads `A,B`.
+
+    Args:
+        text: What was given.
+        option: The option that gave it, if it must name something unless it is left out.
+
+    Raises:
+        ConfigError: It names nothing.
+    """
+    names = tuple(name for name in text.split(",") if name)
+    if text and not names and option:
+        raise ConfigError(f"{option} {text!r} names nothing; write names separated by commas, such as summer,winter")
+    return names
 
 
 def only_given(**options: Any) -> dict[str, Any]:

@@ -45,7 +45,8 @@ def train(
     places: RouteOptions,
     training: TrainingOptions,
     recipe: Annotated[
-        str, typer.Option("--recipe", help="faithful: the paper's bound alone; best: CP-VAE with remedies.")
+        str,
+        typer.Option("--recipe", metavar="faithful|best", help="The paper's bound alone, or CP-VAE with remedies."),
     ] = "",
     config: Annotated[
         Path | None,

@@ -8,12 +8,16 @@ import os
 import pkgutil
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 from everplace.describe import methods, runs
 from everplace.describe.describer import Describer
 from everplace.errors import MethodError
 from everplace.files import readable
 from everplace.progress import Progress, quiet
+
+if TYPE_CHECKING:
+    import torch
 
 __all__ = ["kind_of_run", "load", "method_names", "open_describer"]
 
@@ -49,8 +53,27 @@ def open_describer(method: str | os.PathLike[str], *, progress: Progress = quiet
     raise MethodError(f"there is no method or run directory {readable(method)!r}; {choice}")
 
 
-load = open_describer
-"""Its name from Python: `everplace.load`."""
+def load(
+    method: str | os.PathLike[str], *, device: str | torch.device | None = None, progress: Progress = quiet
+) -> Describer:
+    """Opens a method for describing images.
+
+    Args:
+        method: As `open_describer` takes it: a run directory, "hog", "hub:...", ...
+        device: Where a network is applied, such as "cpu" or "cuda:1"; None: a GPU, where there is one. Methods that
+            are no torch networks ignore it.
+        progress: Told of what has to be downloaded first.
+
+    Raises:
+        MethodError: There is no such method or device, or the method cannot run here.
+        CheckpointError: The run directory is damaged.
+    """
+    if device is None:
+        return open_describer(method, progress=progress)
+    from everplace.model.inference import on_device
+
+    with on_device(device):
+        return open_describer(method, progress=progress)
 
 
 def kind_of_run(run: Path) -> str:

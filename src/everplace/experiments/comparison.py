@@ -23,7 +23,7 @@ from everplace.files import remove_leftovers, write_json
 from everplace.locking import locked
 from everplace.match.matching import Matching
 from everplace.match.standardise import standardisable
-from everplace.progress import Progress, quiet
+from everplace.progress import Progress, quiet, shown
 from everplace.route.route import Route
 from everplace.scoring.retrieval import Pair, Retrieval, pair_of, retrieve_pair
 
@@ -171,7 +171,7 @@ def compare_methods(
         methods: The opened methods; those without a source get no peak memory.
         out: The directory of the comparison; gets manifest.json as soon as one method is done.
         command: How it was called, for the manifest.
-        progress: Told of the describing.
+        progress: Told of describing, measuring, scoring and auditing.
 
     Raises:
         ConfigError: The options of the match apply to none of the methods, or `out` holds another study or is in use.
@@ -207,18 +207,21 @@ def compare_methods(
 def _run(study: Study, describer: Describer, source: str | None, part: Part, progress: Progress) -> MethodResult:
     """One method on all pairs; only its own descriptors, and one similarity matrix, are in memory."""
     route = study.route
-    ms_per_image = time_describer(describer, route.traverses[0].paths)
-    peak, unmeasured = _peak_memory(source, route)
+    ms_per_image = shown(
+        progress, f"timing {describer.method}", lambda: time_describer(describer, route.traverses[0].paths)
+    )
+    peak, unmeasured = shown(progress, f"memory of {describer.method}", lambda: _peak_memory(source, route))
     described: dict[str, Descriptors] = {
         traverse.name: part.described(describer, number, traverse, progress)
         for number, traverse in enumerate(route.traverses)
     }
     pairs: dict[tuple[str, str], PairResult] = {}
-    for query, database in permutations(route.traverses, 2):
+    ordered = list(permutations(route.traverses, 2))
+    for query, database in progress(ordered, f"scoring {describer.method}", len(ordered)):
         pair = pair_of(route, query.name, database.name)
         one = retrieve_pair(pair, describer, study.truth, study.matching, described=described)
         pairs[query.name, database.name] = PairResult(one.scores, one.curve, one.new_place)
-    audited = audit_pair(describer, route, study.truth, progress)
+    audited = shown(progress, f"auditing {describer.method}", lambda: audit_pair(describer, route, study.truth, quiet))
     return MethodResult(pairs, describer.dimension, ms_per_image, peak, unmeasured, audited)
 
 

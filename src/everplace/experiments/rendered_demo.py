@@ -18,7 +18,7 @@ from everplace.match.matching import Matching
 from everplace.model.checkpoint import load_checkpoint
 from everplace.plots.canvas import new_figure
 from everplace.plots.training_curves import TRAINING_CAPTION, draw_training
-from everplace.progress import Progress, quiet
+from everplace.progress import Progress, quiet, shown
 from everplace.render.render_config import render_config
 from everplace.render.rendered_route import render_route
 from everplace.route.route import open_route
@@ -71,7 +71,7 @@ def run_demo(
         out: The directory to fill; a demo that was stopped goes on where it stood.
         settings: How large it is.
         details: Command and version, for the head of the report.
-        progress: Told of rendering and describing.
+        progress: Told of every step that takes more than two seconds.
 
     Returns:
         The content of metrics.json.
@@ -107,10 +107,9 @@ def run_demo(
         command=details.get("command", ""),
         progress=progress,
     )
-    report = write_comparison(
-        comparison, out, title="everplace demo: a rendered route, summer and winter", details=details
-    )
-    for label, metrics in curves.items():
+    title = "everplace demo: a rendered route, summer and winter"
+    report = shown(progress, "the report", lambda: write_comparison(comparison, out, title=title, details=details))
+    for label, metrics in progress(curves.items(), "curves of the training", len(curves)):
         figure = new_figure(10)
         draw_training(figure, metrics, chosen=chosen[label])
         named = named_method(label, describers[label].settings())

@@ -5,16 +5,43 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 import torch
 
-__all__ = ["default_device", "inference"]
+from everplace.errors import MethodError
+
+__all__ = ["default_device", "inference", "on_device"]
+
+_asked: ContextVar[torch.device | None] = ContextVar("_asked", default=None)
 
 
 def default_device() -> torch.device:
-    """The CUDA device, where there is one, else the processor."""
-    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    """The device of `on_device`; outside it the CUDA device, where there is one, else the processor."""
+    return _asked.get() or torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+@contextmanager
+def on_device(name: str | torch.device) -> Iterator[None]:
+    """Makes a device the default one, for the networks that are opened meanwhile.
+
+    Args:
+        name: As torch calls it, such as "cpu" or "cuda:1".
+
+    Raises:
+        MethodError: It does not exist here.
+    """
+    try:
+        device = torch.device(name)
+        torch.empty(1, device=device)
+    except (RuntimeError, AssertionError) as error:  # no such name, or a torch built without it
+        raise MethodError(f"there is no device {str(name)!r} here; choose another, such as 'cpu'") from error
+    token = _asked.set(device)
+    try:
+        yield
+    finally:
+        _asked.reset(token)
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -71,6 +71,22 @@ class Route:
     def matched_by_stem(self) -> bool:
         """Whether frames are the same place by their stems, and neither by their poses nor by a file of pairs."""
         return self.radius is None and self.truth is None
+
+    def __repr__(self) -> str:
+        traverses = ", ".join(f"{readable(one.name)} ({len(one)})" for one in self.traverses)
+        return f"Route({readable(self.root)}: {traverses})"
+
+    def __iter__(self) -> Iterator[str]:
+        """Yields the names of the traverses, by each of which the route gives one."""
+        return (traverse.name for traverse in self.traverses)
+
+    def __len__(self) -> int:
+        """Returns the number of traverses."""
+        return len(self.traverses)
+
+    def __contains__(self, name: object) -> bool:
+        """Whether a traverse has this name or condition."""
+        return any(name in (traverse.name, traverse.condition) for traverse in self.traverses)
 
     def __getitem__(self, name: str) -> Traverse:
         """Returns the traverse of this name, or else the only one under this condition.

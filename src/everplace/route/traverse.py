@@ -62,6 +62,10 @@ class Traverse(Sequence[Frame]):
     endings: tuple[str, ...] = field(repr=False)
     poses: NDArray[np.float64] | None = field(default=None, repr=False)
 
+    def __repr__(self) -> str:
+        condition = "" if self.condition == self.name else f", {self.condition}"
+        return f"Traverse({self.name}{condition}: {len(self)} frames{', with poses' if self.poses is not None else ''})"
+
     def __len__(self) -> int:
         """Returns the number of frames."""
         return len(self.stems)

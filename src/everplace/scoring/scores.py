@@ -31,6 +31,7 @@ from everplace.errors import DescriptorsError, RouteError
 
 __all__ = [
     "PrecisionRecall",
+    "RecallAt",
     "Scores",
     "evaluate",
     "precision_recall",
@@ -75,6 +76,13 @@ class PrecisionRecall:
         return (float(self.precision[0]) + self.recall_at_100_precision) / 2
 
 
+class RecallAt(dict[str, float]):
+    """Recall by N; the keys are text, as in JSON, and a whole number finds them too: `recall_at[1]`."""
+
+    def __getitem__(self, count: str | int) -> float:
+        return super().__getitem__(str(count))
+
+
 @dataclass(frozen=True, slots=True)
 class Scores:
     """All scores of one query traverse against one database traverse; see the module for their definitions.
@@ -91,7 +99,7 @@ class Scores:
         database: Number of database frames N.
     """
 
-    recall_at: dict[str, float]
+    recall_at: RecallAt
     auc_pr: float
     average_precision: float
     recall_at_100_precision: float
@@ -99,6 +107,10 @@ class Scores:
     queries: int
     queries_with_match: int
     database: int
+
+    def __repr__(self) -> str:
+        scores = ", ".join(f"{name} {score:.3f}" for name, score in self.columns().items())
+        return f"Scores({scores}; {self.queries_with_match} of {self.queries} queries have a match)"
 
     def columns(self) -> dict[str, float]:
         """Returns the scores as the columns of a table, by their short names."""
@@ -190,9 +202,9 @@ def _curve(S: NDArray[Any], truth: NDArray[np.bool_]) -> PrecisionRecall:
     return PrecisionRecall(correct / truth.any(axis=1).sum(), correct / accepted, threshold[::-1])
 
 
-def _recall_at(S: NDArray[Any], truth: NDArray[np.bool_]) -> dict[str, float]:
+def _recall_at(S: NDArray[Any], truth: NDArray[np.bool_]) -> RecallAt:
     ranks = np.concatenate([_true_ranks(S[rows], truth[rows]) for rows in _row_blocks(S.shape)])
-    return {str(count): float(np.mean(ranks < count)) for count in (1, 5, 10)}
+    return RecallAt({str(count): float(np.mean(ranks < count)) for count in (1, 5, 10)})
 
 
 def _true_ranks(S: NDArray[Any], truth: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -6,7 +6,17 @@ import sys
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)  # fmt: skip
+from rich.text import Text
 
 from everplace.model.posterior import BLOCKS
 
@@ -21,6 +31,30 @@ _SHOWN = {
     **{f"active_{block}": f"active {symbol}" for block, symbol in BLOCKS.items()},
     "held_out_recall_at_1": "held-out recall@1",
 }
+
+_BAR = 20
+_TIME_LEFT = len("0:00:00")
+
+
+class _Terms(ProgressColumn):
+    """As many of the terms as the terminal has room for; whole ones, since half a number misleads."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__()
+        self._console = console
+
+    def render(self, task: Task) -> Text:
+        """The terms, beside what stands before them: epoch, bar, batches and time left."""
+        total = int(task.total or 0)
+        before = (len(task.description), _BAR, len(f"{total}/{total}"), _TIME_LEFT)
+        room = self._console.width - sum(before) - len(before)
+        shown = ""
+        for term in task.fields["terms"]:
+            longer = f"{shown}  {term}" if shown else term
+            if len(longer) > room:
+                break
+            shown = longer
+        return Text(shown, no_wrap=True)
 
 
 class Display:
@@ -62,10 +96,10 @@ class TrainingDisplay(Display):
     def __enter__(self) -> TrainingDisplay:
         if self._console.is_terminal:
             self._bar = Progress(
-                TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
-                TextColumn("{task.fields[terms]}"), console=self._console,
+                TextColumn("{task.description}"), BarColumn(_BAR), MofNCompleteColumn(), TimeRemainingColumn(),
+                _Terms(self._console), console=self._console,
             )  # fmt: skip
-            self._task = self._bar.add_task(f"{self._prefix}epoch 1", terms="")
+            self._task = self._bar.add_task(f"{self._prefix}epoch 1", terms=[])
             self._bar.start()
         return self
 
@@ -88,10 +122,10 @@ class TrainingDisplay(Display):
 
     def end_epoch(self, row: dict[str, float]) -> None:
         """Shows the terms of the bound and the held-out recall."""
-        terms = "  ".join(f"{label} {row[name]:.4g}" for name, label in _SHOWN.items() if name in row)
+        terms = [f"{label} {row[name]:.4g}" for name, label in _SHOWN.items() if name in row]
         if self._bar is not None:
             self._bar.update(self._task, terms=terms)
         else:
             self._console.print(
-                f"{self._prefix}epoch {row['epoch']:.0f} ({row['seconds']:.0f} s): {terms}", soft_wrap=True
+                f"{self._prefix}epoch {row['epoch']:.0f} ({row['seconds']:.0f} s): {'  '.join(terms)}", soft_wrap=True
             )

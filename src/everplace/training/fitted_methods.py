@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from everplace.training.fit import TrainSummary
     from everplace.training.fit_fabmap import FabMapSummary
 
-__all__ = ["FITTED_METHODS", "build_config", "fit_method", "require_fittable", "settings_toml"]
+__all__ = ["FITTED_METHODS", "build_config", "fit_method", "require_fittable", "settings_toml", "train"]
 
 FITTED_METHODS: tuple[str, ...] = (*MODEL_KINDS, "fabmap")
 """What `everplace train --model` takes."""
@@ -44,6 +45,40 @@ def build_config(**values: Any) -> FitConfig:
     if "epochs" not in values and "minutes" not in values:
         values["epochs"] = DEFAULT_EPOCHS
     return TrainConfig.build(**values)
+
+
+def train(
+    route: Route,
+    model: str,
+    out: str | os.PathLike[str],
+    *,
+    resume: bool = False,
+    show: bool = False,
+    progress: Progress = quiet,
+    **settings: Any,
+) -> TrainSummary | FabMapSummary:
+    """Fits a method on a route into a run directory, which `everplace.load` opens.
+
+    Args:
+        route: An opened route.
+        model: One of `FITTED_METHODS`, such as "cp-vae".
+        out: The run directory.
+        resume: Continue where the run stands.
+        show: Show the training on stderr.
+        progress: Told of decoding.
+        settings: Everything that `everplace train --settings MODEL` prints, such as `recipe="best"`, `epochs=20`,
+            `frames=":800"` or `image_size=(64, 128)`.
+
+    Raises:
+        ConfigError: There is no such model, a setting is wrong, or `out` holds another run.
+        RouteError: The route does not have what the method needs.
+        ImageError: A frame cannot be decoded.
+        StorageError: The run directory cannot be written to.
+    """
+    if model not in FITTED_METHODS:
+        raise ConfigError(f"model {model!r} is not known; choose {' or '.join(FITTED_METHODS)}")
+    config = build_config(model=model, **settings)
+    return fit_method(route, config, Path(out), resume=resume, show=show, progress=progress)
 
 
 def settings_toml(model: str) -> str:

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from everplace.adapt.discriminant import PlaceScatter
+from everplace.adapt.discriminant import PlaceScatter, Projection
 from everplace.adapt.oriented_gradients import OrientedGradients
 from everplace.errors import ConfigError
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.inference import inference
 from everplace.model.pixels import to_input
-from everplace.progress import Progress, quiet
+from everplace.progress import Progress, quiet, shown
 from everplace.training.config import PlaceProjection
 from everplace.training.frames import SplitRoute
 
@@ -45,7 +45,7 @@ def fit_place_projection(
         model: A model with oriented gradients.
         split: At least two aligned traverses.
         config: What is counted, and how often.
-        progress: Told of the blocks of places.
+        progress: Told of the passes over the places, and of the solving.
         device: Computes the oriented gradients; None: the processor.
 
     Raises:
@@ -63,18 +63,32 @@ def fit_place_projection(
     computed = _Gradients(gradients, device or torch.device("cpu"))
     scatter, stretches = (PlaceScatter(len(split.training), gradients.features) for _ in range(2))
     light = _LightScatter(computed)
+
+    def passes() -> Iterator[None]:
+        """Takes in all places; one item for each pass of the images of a block, so that a bar moves."""
+        for start in starts:
+            images = [to_input(torch.from_numpy(part.pixels[start : start + block].copy())) for part in split.training]
+            for mirrored in (False, True):
+                described = []
+                for part in images:
+                    described.append(computed(part.flip(3) if mirrored else part))
+                    yield
+                features = np.stack(described)
+                scatter.add(features)
+                stretches.add(_stretch_means(features))
+                if not mirrored:
+                    yield from light.add(torch.cat(images), features)
+
     block = STRETCH * _STRETCHES_A_BLOCK
     starts = range(0, split.places, block)
-    for start in progress(starts, "places for the projection", len(starts)):
-        images = [to_input(torch.from_numpy(part.pixels[start : start + block].copy())) for part in split.training]
-        for mirrored in (False, True):
-            features = np.stack([computed(part.flip(3) if mirrored else part) for part in images])
-            scatter.add(features)
-            stretches.add(_stretch_means(features))
-            if not mirrored:
-                light.add(torch.cat(images), features)
-    nuisance = config.stretches * stretches.within() + config.light * light.scatter()
-    found = scatter.discriminant(dimensions, config.ridge, nuisance)
+    for _ in progress(passes(), "the projection", len(starts) * (2 * len(split.training) + len(_OTHER_LIGHT))):
+        pass
+
+    def solved() -> Projection:
+        nuisance = config.stretches * stretches.within() + config.light * light.scatter()
+        return scatter.discriminant(dimensions, config.ridge, nuisance)
+
+    found = shown(progress, "solving for the projection", solved)
     with torch.no_grad():
         projection.weight.copy_(torch.from_numpy(found.weight))
         projection.bias.copy_(torch.from_numpy(found.bias))
@@ -134,13 +148,14 @@ class _LightScatter:
         self._frames = 0
         self._sum = np.zeros((gradients.features, gradients.features))
 
-    def add(self, images: Tensor, features: NDArray[np.float32]) -> None:
-        """Takes in images (N, C, H, W) with their features, in any shape that holds N rows."""
+    def add(self, images: Tensor, features: NDArray[np.float32]) -> Iterator[None]:
+        """Takes in images (N, C, H, W) with their features, in any shape that holds N rows; an item for each change."""
         before = features.reshape(len(images), -1).astype(np.float64)
         self._frames += len(images)
         for change, weight in _OTHER_LIGHT:
             moved = self._gradients(change(images)) - before
             self._sum += weight * moved.T @ moved
+            yield
 
     def scatter(self) -> NDArray[np.float64]:
         """F×F."""

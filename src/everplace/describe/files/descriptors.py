@@ -72,6 +72,9 @@ class Descriptors:
         if self.metric not in get_args(Metric):
             raise DescriptorsError(f"the metric must be one of {', '.join(get_args(Metric))}, not {self.metric!r}")
 
+    def __repr__(self) -> str:
+        return f"Descriptors({self.method}: {len(self)}×{self.dimension}, {self.metric})"
+
     def __len__(self) -> int:
         return len(self.names)
 
