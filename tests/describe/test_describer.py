@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -215,6 +216,33 @@ def test_misuse_is_refused(traverse: Traverse) -> None:
         MeanColour().describe([])
     with pytest.raises(ConfigError, match="batch of 0"):
         MeanColour().describe(traverse, batch=0)
+
+
+@pytest.mark.parametrize(
+    ("colours", "said"),
+    [
+        ([0, 0, 0, 9], "3 of the 4 descriptors of .*drive are zero"),
+        ([7, 0, 7, 9, 7], "3 of the 5 descriptors of .*drive are equal"),
+        ([5, 5], "2 of the 2 descriptors of .*drive are equal"),
+    ],
+)
+def test_a_traverse_of_mostly_equal_descriptors_is_warned_of(tmp_path: Path, colours: list[int], said: str) -> None:
+    with pytest.warns(UserWarning, match=said):
+        MeanColour().describe(drive_of(tmp_path / "drive", colours))
+
+
+@pytest.mark.parametrize("colours", [[0, 0, 8, 9], [3, 4], [5], [1, 2, 1, 2, 1, 2]])
+def test_a_traverse_of_other_descriptors_is_not_warned_of(tmp_path: Path, colours: list[int]) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        MeanColour().describe(drive_of(tmp_path / "drive", colours))
+
+
+def drive_of(directory: Path, colours: Sequence[int]) -> Traverse:
+    directory.mkdir()
+    for number, colour in enumerate(colours):
+        Image.new("RGB", (2, 2), (colour,) * 3).save(directory / f"{number}.png")
+    return open_traverse(directory)
 
 
 def test_progress_counts_described_frames(traverse: Traverse) -> None:

@@ -157,6 +157,53 @@ def test_transparency_is_laid_over_black(tmp_path: Path, mode: str, half: tuple[
     assert red[2] == 0
 
 
+@pytest.mark.parametrize("alpha", [0, 1])
+@pytest.mark.parametrize("spec", [GREY, COLOUR])
+@pytest.mark.parametrize("kind", ["PNG", "TIFF", "WEBP", "BMP", "palette", "LA", "16 bits"])
+def test_an_alpha_of_0_throughout_is_none(tmp_path: Path, kind: str, spec: ImageSpec, alpha: int) -> None:
+    """Simulators leave alpha at 0, or cast 1.0 to a byte."""
+    picture = landscape()
+    transparent = Image.fromarray(np.dstack([picture, np.full(picture.shape[:2], alpha, np.uint8)]))
+    path = tmp_path / "a.png"
+    if kind == "BMP":
+        data = bytearray(encoded(transparent, "BMP"))
+    elif kind == "LA":
+        picture = np.repeat(picture[:, :, :1], 3, axis=2)
+        pale = np.dstack([picture[:, :, 0], np.full(picture.shape[:2], alpha, np.uint8)])
+        data = bytearray(encoded(Image.fromarray(pale), "PNG"))
+    elif kind == "palette":
+        paletted = Image.fromarray(picture).quantize(64)
+        picture = np.asarray(paletted.convert("RGB"))
+        data = bytearray(encoded(paletted, "PNG", transparency=bytes([alpha]) * 64))
+    elif kind == "16 bits":
+        deep = np.dstack([picture[:, :, ::-1].astype(np.uint16) * 256, np.full(picture.shape[:2], alpha, np.uint16)])
+        data = bytearray(cv2.imencode(".png", deep)[1].tobytes())
+    else:
+        data = bytearray(encoded(transparent, kind, **({"lossless": True, "exact": True} if kind == "WEBP" else {})))
+    path.write_bytes(data)
+
+    pixels = decode_image(path, spec)
+
+    np.testing.assert_array_equal(pixels, convert_image(picture, spec))
+
+
+def test_a_bmp_of_32_bits_whose_masks_name_an_alpha_that_is_0(tmp_path: Path) -> None:
+    picture = landscape()
+    pixels = np.dstack([picture[::-1, :, ::-1], np.zeros(picture.shape[:2], np.uint8)]).tobytes()
+    masks = struct.pack("<4I", 0xFF0000, 0xFF00, 0xFF, 0xFF000000)
+    header = struct.pack("<IiiHHIIiiII", 108, 60, 40, 1, 32, 3, len(pixels), 0, 0, 0, 0) + masks + bytes(52)
+    path = tmp_path / "a.bmp"
+    path.write_bytes(b"BM" + struct.pack("<IHHI", 122 + len(pixels), 0, 0, 122) + header + pixels)
+    np.testing.assert_array_equal(decode_image(path, COLOUR), picture)
+
+
+def test_one_opaque_pixel_makes_an_alpha(tmp_path: Path) -> None:
+    picture = Image.new("RGBA", (2, 1), (200, 100, 50, 0))
+    picture.putpixel((0, 0), (200, 100, 50, 255))
+    picture.save(tmp_path / "a.png")
+    assert decode_image(tmp_path / "a.png", COLOUR).tolist() == [[[200, 100, 50], [0, 0, 0]]]
+
+
 def test_palette_with_and_without_a_transparent_entry(tmp_path: Path) -> None:
     picture = Image.new("P", (2, 1))
     picture.putpalette([10, 20, 30, 200, 100, 50])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import operator
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from everplace.describe.batches import gather_batches
 from everplace.describe.files.descriptors import Descriptors, Metric, Settings
 from everplace.errors import ConfigError, DescriptorsError, MethodError, RouteError
+from everplace.files import readable
 from everplace.images.decoding import ImageSpec, convert_image, decode_images
 from everplace.progress import Progress, quiet
 from everplace.route.traverse import Traverse
@@ -23,6 +25,9 @@ if TYPE_CHECKING:
     from everplace.model.condition_vae import ConditionVAE
 
 __all__ = ["Describer", "require_no_argument"]
+
+# Networks round an image's descriptor differently at different places of a batch.
+_ROUNDING = 1e-5
 
 
 class Describer(ABC):
@@ -93,6 +98,9 @@ class Describer(ABC):
             RouteError: There are no images.
             ImageError: An image cannot be decoded, or an array is none; nothing is returned.
             DescriptorsError: The method returned numbers that are not finite, or not one row an image.
+
+        Warns:
+            UserWarning: Most descriptors of a traverse are equal, so they cannot tell its frames apart.
         """
         if isinstance(images, Traverse):
             names, image_names = images.stems, tuple(map(operator.add, images.stems, images.endings))
@@ -109,7 +117,10 @@ class Describer(ABC):
         values = np.empty((len(names), self.dimension), np.float32)
         for index, row in enumerate(progress(self._rows(decoded, batch), "describing", len(names))):
             values[index] = row
-        return Descriptors(values, names, self.method, self.metric, self.settings(), image_names)
+        described = Descriptors(values, names, self.method, self.metric, self.settings(), image_names)
+        if isinstance(images, Traverse):
+            _warn_of_equal(values, images)
+        return described
 
     def _rows(self, images: Iterator[NDArray[np.uint8]], batch: int) -> Iterator[NDArray[np.float32]]:
         with contextlib.closing(gather_batches(images, batch)) as batches:
@@ -118,6 +129,30 @@ class Describer(ABC):
                 if values.shape != wanted:
                     raise DescriptorsError(f"{self.method} returned an array of shape {values.shape}, not {wanted}")
                 yield from values
+
+
+def _warn_of_equal(values: NDArray[np.float32], traverse: Traverse) -> None:
+    """Warns where more than half of a traverse's descriptors are equal but for rounding, such as all zero."""
+    # Boyer and Moore's vote: if one row has a majority, it is the one that is left.
+    common, votes = values[0], 0
+    for row in values:
+        if not votes:
+            common = row
+        votes += 1 if _equal(row, common) else -1
+    if votes <= 0:
+        return
+    equal = sum(_equal(row, common) for row in values)
+    if len(values) > 1 and 2 * equal > len(values):
+        what = "equal" if common.any() else "zero"
+        warnings.warn(
+            f"{equal} of the {len(values)} descriptors of {readable(traverse.root)} are {what}, so no score tells "
+            "these frames apart; look at the images with everplace data inspect: are they black, or all the same?",
+            stacklevel=3,
+        )
+
+
+def _equal(row: NDArray[np.float32], other: NDArray[np.float32]) -> bool:
+    return bool(np.abs(row - other).max() <= _ROUNDING * np.abs(other).max())
 
 
 def require_no_argument(method: str, argument: str) -> None:

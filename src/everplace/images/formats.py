@@ -2,8 +2,8 @@
 
 What every decoded image has in common: the content decides the format, not the ending of the name; the EXIF
 orientation is applied; 16-bit grey is divided by 256 (never stretched, which would hide how bright a frame
-is); transparent pixels are laid over black; colour profiles are ignored; of an animation the first picture is
-taken.
+is); transparent pixels are laid over black, but an alpha of 0 throughout, which simulators write, is none; colour
+profiles are ignored; of an animation the first picture is taken.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ _READERS: tuple[tuple[bytes, type[ImageFile.ImageFile], str], ...] = (
 )
 _ORIENTATION_TAG = 0x0112
 _WIDTH_TAG, _HEIGHT_TAG = 0x0100, 0x0101
+# Nobody hides a whole picture: such an alpha was never set, or was 1.0 before it became a byte.
+_NO_ALPHA = 1
 _ON_ITS_SIDE = frozenset({5, 6, 7, 8})
 # What each EXIF orientation asks for; 1 and anything else is upright.
 _TURNS = {
@@ -152,6 +154,8 @@ def _to_8_bit(name: str, image: Image.Image) -> Image.Image:
         return image
     if "A" in image.getbands() or "a" in image.getbands() or "transparency" in image.info:
         transparent = image.convert("RGBA")
+        if np.asarray(transparent.getchannel("A")).max() <= _NO_ALPHA:
+            return transparent.convert("RGB")
         black = Image.new("RGB", image.size)
         black.paste(transparent, mask=transparent.getchannel("A"))
         return black

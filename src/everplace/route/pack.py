@@ -32,7 +32,7 @@ if sys.platform != "win32":
 
 __all__ = ["PackedImages", "default_cache", "pack"]
 
-_VERSION = 1
+_VERSION = 2  # also raised when a file is decoded to other pixels
 _PIXELS = "pixels.npy"
 _ABOUT = "pack.json"
 _BUFFER_BYTES = 2**20

@@ -325,3 +325,14 @@ def test_damaged_bytes_give_frames_or_one_error(
     else:
         assert count <= 3
     shutil.rmtree(tmp_path / "fuzz", ignore_errors=True)
+
+
+@pytest.mark.parametrize("name", ["drive.bag", "drive", "drive-mcap"])
+def test_a_position_of_exactly_0_0_is_no_fix(tmp_path: Path, name: str) -> None:
+    fixes = [(0, 0.0, 0.0), (0, 48.0, 11.0), (0, 48.0, 11.0001), (0, 48.0, 11.0002)]
+    rows = [row for n, fix in enumerate(fixes) for row in (("/fix", FIX, 5 + n / 10, fix), image(5 + n / 10))]
+    import_route("bag", write_bag(tmp_path / name, rows), tmp_path / "out")
+    poses = open_route(tmp_path / "out").traverses[0].poses
+    assert poses is not None
+    np.testing.assert_allclose(poses[2:, 0], [7.46, 14.92], atol=0.01)
+    assert np.abs(poses).max() < 20

@@ -221,8 +221,11 @@ def _first_position(bag: Bag, topic: Topic, path: Path) -> tuple[float, float]:
 
 
 def _is_fixed(message: Any) -> bool:
-    """Says whether a receiver knew where it was (status -1: it did not)."""
-    return bool(message.status.status >= 0 and abs(message.latitude) <= 90 and abs(message.longitude) <= 180)
+    """Says whether a receiver knew where it was (status -1: it did not; nor at exactly 0, 0, whatever the status)."""
+    latitude, longitude = message.latitude, message.longitude
+    return bool(
+        message.status.status >= 0 and abs(latitude) <= 90 and abs(longitude) <= 180 and (latitude or longitude)
+    )
 
 
 def _without_poses(topic: Topic, path: Path) -> RouteError:
