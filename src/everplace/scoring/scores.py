@@ -82,6 +82,13 @@ class RecallAt(dict[str, float]):
     def __getitem__(self, count: str | int) -> float:
         return super().__getitem__(str(count))
 
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        """Has pydantic read it back from JSON as what it is."""
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_after_validator_function(cls, handler(dict[str, float]))
+
 
 @dataclass(frozen=True, slots=True)
 class Scores:
