@@ -15,7 +15,7 @@ from torch import Tensor
 
 from everplace import tensor_file
 from everplace.errors import CheckpointError, StorageError
-from everplace.files import read_regular
+from everplace.regular_files import read_regular
 from everplace.tensor_file import has_tensors, load_tensors, save_tensors
 
 

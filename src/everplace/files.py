@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
-import io
 import json
 import os
 import re
@@ -14,7 +12,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, TextIO
+from typing import Any
 
 from everplace.errors import ConfigError, StorageError
 from everplace.leftovers import LEFTOVER, sweep, temporary_token
@@ -25,8 +23,6 @@ __all__ = [
     "filled_directory",
     "is_special",
     "json_text",
-    "open_regular_text",
-    "read_regular",
     "readable",
     "remove_file",
     "remove_leftovers",
@@ -44,7 +40,6 @@ STANDARD_OUTPUT = Path("-")
 
 _OPEN_FILES = re.compile(r"/dev/fd|/proc/[^/]+(/task/[^/]+)?/fd")
 _MOST_LINKS = 40
-_WITHOUT_WAITING = getattr(os, "O_NONBLOCK", 0)
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 
 
@@ -63,30 +58,6 @@ def cache_directory(name: str) -> Path:
 
     chosen = os.environ.get("EVERPLACE_CACHE")
     return (Path(chosen) if chosen else user_cache_path("everplace", appauthor=False)) / name
-
-
-def open_regular_text(path: Path) -> TextIO:
-    """Opens a UTF-8 file for reading, with or without a mark, its line ends as they are; see `read_regular`."""
-    return io.TextIOWrapper(_open_regular(path), "utf-8-sig", newline="")
-
-
-def read_regular(path: Path) -> bytes:
-    """Reads a file, but no device, FIFO or socket: these would be waited for, or have no end.
-
-    Raises:
-        OSError: It is one of these, or cannot be read.
-    """
-    with _open_regular(path) as file:
-        return file.read()
-
-
-def _open_regular(path: Path) -> BinaryIO:
-    # Path.open has no opener.
-    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | _WITHOUT_WAITING))  # noqa: SIM115
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        file.close()
-        raise OSError(errno.EINVAL, "it is a device, a FIFO or a socket, not a regular file", str(path))
-    return file
 
 
 def is_special(path: Path) -> bool:

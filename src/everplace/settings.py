@@ -12,7 +12,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import PydanticUndefined
 
 from everplace.errors import ConfigError
-from everplace.files import read_regular, readable
+from everplace.files import readable
+from everplace.regular_files import read_regular
 
 if sys.version_info >= (3, 11):
     import tomllib

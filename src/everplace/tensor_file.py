@@ -20,7 +20,8 @@ from safetensors.torch import load, save
 from torch import Tensor
 
 from everplace.errors import CheckpointError
-from everplace.files import read_regular, readable, write_bytes, write_json
+from everplace.files import readable, write_bytes, write_json
+from everplace.regular_files import read_regular
 
 __all__ = ["has_tensors", "load_tensors", "save_tensors"]
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.errors import RouteError
-from everplace.files import open_regular_text, readable
+from everplace.files import readable
+from everplace.regular_files import open_regular_text
 
 __all__ = ["CsvTable", "TableRow", "read_poses", "read_times"]
 
