@@ -23,7 +23,7 @@ def select_route(route: Route, config: FitConfig, progress: Progress = quiet) ->
         raise RouteError(
             f"the traverses {', '.join(readable(t.name) for t in chosen.traverses)} of {readable(route.root)} "
             f"{chosen.why_not_aligned}, and cp-vae learns from the same places in several conditions; give the frames "
-            "of a place the same name in each traverse, find them with `everplace data align`, or train c-vae"
+            "of a place the same name in each traverse, or find them with `everplace data align`"
         )
     frames = parse_frames(config.frames) if config.frames else None
     return select(chosen, Selection(frames, config.drop_dark, config.drop_stationary), progress)
