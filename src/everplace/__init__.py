@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from everplace.describe.files.descriptors import Descriptors, load_descriptors
     from everplace.describe.registry import load
     from everplace.errors import EverplaceError
+    from everplace.mapping.adaptation import Adaptation, adapt
     from everplace.match.matching import Matching
     from everplace.match.new_place import new_place_probability
     from everplace.match.similarity import similarity, similarity_blocks, top_k
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from everplace.training.fitted_methods import train
 
 __all__ = [
+    "Adaptation",
     "Answer",
     "Describer",
     "Descriptors",
@@ -53,6 +55,7 @@ __all__ = [
     "Scores",
     "Selection",
     "Traverse",
+    "adapt",
     "align",
     "average_sequences",
     "best_path",
@@ -77,6 +80,7 @@ __all__ = [
 ]
 
 _HOME = {
+    "Adaptation": "mapping.adaptation",
     "Answer": "sequences.route_filter",
     "Describer": "describe.describer",
     "Descriptors": "describe.files.descriptors",
@@ -90,6 +94,7 @@ _HOME = {
     "Scores": "scoring.scores",
     "Selection": "route.selection",
     "Traverse": "route.traverse",
+    "adapt": "mapping.adaptation",
     "align": "alignment.aligned_route",
     "average_sequences": "sequences.sequence_search",
     "best_path": "sequences.route_path",

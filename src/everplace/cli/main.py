@@ -14,6 +14,7 @@ import typer
 from typer.main import get_command
 
 from everplace.cli import data, show
+from everplace.cli.adapt import adapt
 from everplace.cli.compare import compare
 from everplace.cli.demo import demo
 from everplace.cli.describe import describe
@@ -56,7 +57,7 @@ def _options(
     pass
 
 
-for _subcommand in (demo, train, describe, match, evaluate, compare, export):
+for _subcommand in (demo, train, adapt, describe, match, evaluate, compare, export):
     app.command(_subcommand.__name__)(_subcommand)
 app.add_typer(show.app, name="show")
 app.add_typer(data.app, name="data")
