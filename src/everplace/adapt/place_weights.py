@@ -44,7 +44,7 @@ def pair_weights(
         drive_weights: (K,) of the pairs' frames of the other drive, by `place_weights` of that drive.
 
     Returns:
-        (K,) in (0, 1]: those of the drive's frames; where they sum to more than the map's frame weighs, scaled down to it.
+        (K,) in (0, 1]: those of the drive's frames, scaled down where they sum to more than the map's frame weighs.
     """
     there = np.bincount(places, drive_weights, minlength=len(map_weights))
     share = np.minimum(1.0, map_weights / np.maximum(there, np.finfo(np.float64).tiny))

@@ -88,7 +88,7 @@ def load_prior(path: Path) -> Prior:
         data = read_regular(path)
     except OSError as error:
         raise CheckpointError(
-            f"the prior {readable(path)} cannot be read ({error.strerror}); correct --prior"
+            f"the prior {readable(path)} cannot be read ({error.strerror}); correct `prior`"
         ) from None
     return _parse(data, readable(path))
 
@@ -110,8 +110,8 @@ def require_fitting(prior: Prior, method: str, settings: Mapping[str, Any], feat
     """
     if prior.method != method or dict(prior.settings) != dict(settings) or prior.directions.shape[1] != features:
         raise ConfigError(
-            f"the prior is of the method {prior.method} with its settings, not of {method} as it is here; make one with "
-            "--save-prior, or give `--prior none`"
+            f"the prior is of the method {prior.method} with its settings, not of {method} as it is here; make one "
+            "with `save_prior`, or give none as `prior`"
         )
 
 
@@ -122,7 +122,7 @@ def _parse(data: bytes, name: str) -> Prior:
     from safetensors import SafetensorError
     from safetensors.numpy import load
 
-    broken = f"{name} is no prior that everplace wrote, or it is damaged; restore it, or make one with --save-prior"
+    broken = f"{name} is no prior that everplace wrote, or it is damaged; restore it, or make one anew"
     try:
         tensors = load(data)
         (length,) = struct.unpack_from("<Q", data)

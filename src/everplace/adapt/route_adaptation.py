@@ -25,8 +25,8 @@ _STRETCH = 24
 def within_places(statistics: DriveStatistics, prior: Prior | None, prior_weight: float) -> NDArray[np.float64]:
     """W: how one place differs from itself, by pairs, other light and the prior, each by its weight.
 
-    W = (ν W0 + λ n L + Σ S) / (ν + λ n + k) with k the weight of the pairs and S their sum, n the weight of the places,
-    L the mean of other light, W0 the prior and ν its weight. Differences of the conditions' means stay in.
+    W = (m W0 + λ n L + Σ S) / (m + λ n + k) with k the weight of the pairs and S their sum, n the weight of the places,
+    L the mean of other light, W0 the prior and m its weight. Differences of the conditions' means stay in.
 
     Returns:
         F×F.

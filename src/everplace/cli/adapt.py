@@ -64,8 +64,8 @@ def adapt(
     )
     if result.describer.dimension < dimensions:
         warn(
-            f"--dimensions {dimensions} was lowered to {result.describer.dimension}: {result.settings['places']} places "
-            "do not allow more"
+            f"--dimensions {dimensions} was lowered to {result.describer.dimension}, as {result.settings['places']} "
+            "places do not allow more"
         )
     if prior == "default" and result.prior == "none":
         warn(f"no prior comes with everplace for {method}, so none was used")

@@ -31,8 +31,8 @@ class JoinedDescriber(Describer):
         for part in parts:
             if part.metric != "cosine" or part.image.size is None:
                 raise MethodError(
-                    f"the method {part.method} cannot be joined with others: only methods that are compared by cosine and "
-                    "take images of one size can"
+                    f"the method {part.method} cannot be joined with others: only methods that are compared by cosine "
+                    "and take images of one size can"
                 )
             sizes.append(part.image.size)
         self._parts = tuple(parts)
@@ -54,11 +54,7 @@ class JoinedDescriber(Describer):
         """Describes B×H×W×C images by B×D values, of mean square 1 unless a part says nothing."""
         columns = []
         for part in self._parts:
-            own = images
-            if part.image != self.image:
-                own = np.stack(
-                    [convert_image(image if image.shape[2] == 3 else image[..., 0], part.image) for image in images]
-                )
+            own = images if part.image == self.image else np.stack([convert_image(one, part.image) for one in images])
             values = part.describe_batch(own)
             length = np.sqrt(np.square(values).mean(axis=1, keepdims=True))
             columns.append(np.divide(values, length, out=np.zeros_like(values), where=length > 0))

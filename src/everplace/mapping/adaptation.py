@@ -73,7 +73,7 @@ class Adaptation:
     dimensions_asked: int
     prior: str
     prior_weight: float
-    settings: dict[str, Any] = field(default_factory=dict)
+    settings: dict[str, str | int | float | bool] = field(default_factory=dict)
 
     def summary(self) -> dict[str, Any]:
         """What `--json` prints."""
@@ -149,8 +149,8 @@ def adapt(
         )
     if others and not self_taught and not all(drive.stems == map_drive.stems for drive in others):
         raise RouteError(
-            f"the traverses {map_drive.name!r} and {others[0].name!r} share no place by their names; find the same places "
-            "with `everplace data align`, or let the drives be matched with `self_taught`"
+            f"the traverses {map_drive.name!r} and {others[0].name!r} share no place by their names; find the "
+            "same places with `everplace data align`, or let the drives be matched with `self_taught`"
         )
     if self_taught and not others:
         raise RouteError("there is no drive but the map to learn from; give two traverses, the map first")
@@ -176,7 +176,7 @@ def adapt(
         )
         for drive, found in zip(taught, pairs, strict=True)
     )
-    settings = {
+    settings: dict[str, str | int | float | bool] = {
         "method": os.fspath(method),
         "map": map_drive.name,
         "places": len(map_drive),
@@ -216,15 +216,15 @@ def light_moments(describer: Describer, drive: Traverse, progress: Progress = qu
     At most 512 frames, evenly spread, are looked at.
     """
     chosen = drive.take(spread(len(drive), _LIGHT_FRAMES))
-    moments = Moments.none(describer.dimension)
-    size = max(1, describer.batch)
+    size = describer.batch
+    changes = np.empty((len(chosen), len(CHANGES), describer.dimension), np.float32)
     images = decode_images(chosen.paths, describer.image)
     for start in progress(range(0, len(chosen), size), "in other light", -(-len(chosen) // size)):
         batch = np.stack([next(images) for _ in range(min(size, len(chosen) - start))])
         before = describer.describe_batch(batch)
-        for other in changed(batch, start):
-            moments += Moments.of(half_differences(describer.describe_batch(other), before))
-    return moments
+        for number, other in enumerate(changed(batch, start)):
+            changes[start : start + size, number] = half_differences(describer.describe_batch(other), before)
+    return Moments.of(changes.reshape(-1, describer.dimension))
 
 
 class _Learning:

@@ -104,7 +104,8 @@ class _Pooled(nn.Module):
         self.network = network
 
     def forward(self, images: Tensor) -> Tensor:
-        return functional.avg_pool2d(self.network(images), _POOL).flatten(1)
+        pooled: Tensor = functional.avg_pool2d(self.network(images), _POOL)
+        return pooled.flatten(1)
 
 
 def open_method(argument: str) -> NetworkDescriber:
@@ -156,7 +157,8 @@ def _apply(convolution: nn.Module, x: Tensor) -> Tensor:
 
 
 def _clipped(x: Tensor) -> Tensor:
-    return functional.relu6(x)
+    clipped: Tensor = functional.relu6(x)
+    return clipped
 
 
 def _fold(module: nn.Module, convolution: str, norm: str) -> None:

@@ -7,9 +7,7 @@ into the directory, so that it holds all that describing needs.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tomli_w
@@ -77,7 +75,7 @@ def write_adapted(
     out: Path,
     method: str,
     projection: Projection,
-    settings: Mapping[str, Any],
+    settings: Settings,
     seen_stems: frozenset[str],
     features: int,
 ) -> None:
@@ -87,7 +85,7 @@ def write_adapted(
         out: The directory, which exists.
         method: What was adapted; of a run directory the run is copied.
         projection: The map.
-        settings: What it was made with: texts, numbers, lists of texts.
+        settings: What it was made with.
         seen_stems: Frames of other drives that it was learnt from.
         features: F, which the method must give.
 
@@ -119,9 +117,7 @@ def open_method(argument: str) -> AdaptedDescriber:
     try:
         weight, bias = tensors["weight"].double().numpy(), tensors["bias"].double().numpy()
         method, features, stems = about["method"], about["features"], frozenset(map(str, about["seen_stems"]))
-        settings = {
-            str(key): value for key, value in about["settings"].items() if isinstance(value, str | int | float | bool)
-        }
+        settings = {str(key): value for key, value in about["settings"].items() if isinstance(value, str | int | float)}
         digest = str(about["tensors"]["sha256"])
     except (KeyError, TypeError, AttributeError):
         raise CheckpointError(damaged) from None
