@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from everplace.adapt.drive_statistics import DriveStatistics, half_differences
 from everplace.adapt.moments import Moments
-from everplace.adapt.other_light import changed
+from everplace.adapt.other_light import CHANGES, changed
 from everplace.adapt.place_weights import pair_weights, place_weights
 from everplace.adapt.prior import Prior, load_prior, require_fitting, save_prior, shipped_prior
 from everplace.adapt.route_adaptation import PRIOR_WEIGHT, adapted_projection, fitting_prior_weight, within_places

@@ -84,9 +84,9 @@ class _Block(nn.Module):
         self._residual = stride == 1 and given == width
 
     def forward(self, x: Tensor) -> Tensor:
-        y = _clipped(self._bn0(self._expand_conv(x))) if self._widens else x
-        y = _clipped(self._bn1(_apply(self._depthwise_conv, y)))
-        y = self._bn2(self._project_conv(y))
+        wide = _clipped(self._bn0(self._expand_conv(x))) if self._widens else x
+        filtered = _clipped(self._bn1(_apply(self._depthwise_conv, wide)))
+        y: Tensor = self._bn2(self._project_conv(filtered))
         return x + y if self._residual else y
 
     def fuse(self) -> None:
