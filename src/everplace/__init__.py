@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from everplace.describe.files.descriptors import Descriptors, load_descriptors
     from everplace.describe.registry import load
     from everplace.errors import EverplaceError
-    from everplace.mapping.adaptation import Adaptation, adapt
+    from everplace.mapping.route_learning import Adaptation, adapt
     from everplace.match.matching import Matching
     from everplace.match.new_place import new_place_probability
     from everplace.match.similarity import similarity, similarity_blocks, top_k
@@ -80,7 +80,7 @@ __all__ = [
 ]
 
 _HOME = {
-    "Adaptation": "mapping.adaptation",
+    "Adaptation": "mapping.route_learning",
     "Answer": "sequences.route_filter",
     "Describer": "describe.describer",
     "Descriptors": "describe.files.descriptors",
@@ -94,7 +94,7 @@ _HOME = {
     "Scores": "scoring.scores",
     "Selection": "route.selection",
     "Traverse": "route.traverse",
-    "adapt": "mapping.adaptation",
+    "adapt": "mapping.route_learning",
     "align": "alignment.aligned_route",
     "average_sequences": "sequences.sequence_search",
     "best_path": "sequences.route_path",

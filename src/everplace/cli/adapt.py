@@ -43,7 +43,7 @@ def adapt(
 
     Example: everplace adapt hog16 my-route --conditions summer,winter --self-taught --out runs/adapted
     """
-    from everplace.mapping.adaptation import adapt as adapt_descriptor
+    from everplace.mapping.route_learning import adapt as adapt_descriptor
     from everplace.route.selection import parse_frames
 
     require_directory(out)

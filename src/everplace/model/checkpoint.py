@@ -11,7 +11,7 @@ import torch
 from pydantic import ValidationError
 from torch import Tensor
 
-from everplace.adapt.oriented_gradients import gradient_features
+from everplace.adaptation.oriented_gradients import gradient_features
 from everplace.errors import CheckpointError
 from everplace.files import readable
 from everplace.model.architecture import flattened_size

@@ -1,6 +1,6 @@
 """Oriented gradients in 16 directions: 2,048 numbers of any frame, made to be adapted to a route.
 
-The fine structure that `best` starts from (`everplace.adapt.oriented_gradients`), as a method of its own. Every frame,
+The fine structure that `best` starts from (`everplace.adaptation.oriented_gradients`), as a method of its own. Every frame,
 of any size and shape, grey or in colour, is brought to 64×128 grey pixels first.
 """
 
@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from everplace.adapt.oriented_gradients import CELL, DIRECTIONS, OrientedGradients
+from everplace.adaptation.oriented_gradients import CELL, DIRECTIONS, OrientedGradients
 from everplace.describe.describer import Describer, require_no_argument
 from everplace.describe.files.descriptors import Settings
 from everplace.images.decoding import ImageSpec

@@ -1,6 +1,6 @@
 """A descriptor adapted to a route: another method's numbers, projected to what tells the route's places apart.
 
-What `everplace adapt` writes. The projection is `everplace.adapt.route_adaptation`'s; a run that was adapted is copied
+What `everplace adapt` writes. The projection is `everplace.adaptation.route_adaptation`'s; a run that was adapted is copied
 into the directory, so that it holds all that describing needs.
 """
 
@@ -14,7 +14,7 @@ import tomli_w
 import torch
 from numpy.typing import NDArray
 
-from everplace.adapt.discriminant import Projection
+from everplace.adaptation.discriminant import Projection
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Settings
 from everplace.describe.registry import open_describer

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.adapt.moments import Moments
+from everplace.adaptation.moments import Moments
 
 __all__ = ["DriveStatistics", "half_differences"]
 

@@ -6,9 +6,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from everplace.adapt.discriminant import Projection, add_ridge, leading_directions
-from everplace.adapt.drive_statistics import DriveStatistics
-from everplace.adapt.prior import Prior
+from everplace.adaptation.discriminant import Projection, add_ridge, leading_directions
+from everplace.adaptation.drive_statistics import DriveStatistics
+from everplace.adaptation.prior import Prior
 
 __all__ = ["PRIOR_WEIGHT", "adapted_projection", "fitting_prior_weight", "within_places"]
 

@@ -95,7 +95,7 @@ def load_prior(path: Path) -> Prior:
 
 def shipped_prior(method: str, settings: Mapping[str, Any]) -> Prior | None:
     """The prior that comes with the package for a method of these settings; None: there is none."""
-    file = resources.files("everplace.adapt").joinpath("priors", f"{method}.safetensors")
+    file = resources.files("everplace.adaptation").joinpath("priors", f"{method}.safetensors")
     if not file.is_file():
         return None
     prior = _parse(file.read_bytes(), f"the shipped prior of {method}")

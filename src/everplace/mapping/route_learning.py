@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.adapt.drive_statistics import DriveStatistics, half_differences
-from everplace.adapt.moments import Moments
-from everplace.adapt.other_light import CHANGES, changed
-from everplace.adapt.place_weights import pair_weights, place_weights
-from everplace.adapt.prior import Prior, load_prior, require_fitting, save_prior, shipped_prior
-from everplace.adapt.route_adaptation import PRIOR_WEIGHT, adapted_projection, fitting_prior_weight, within_places
+from everplace.adaptation.drive_statistics import DriveStatistics, half_differences
+from everplace.adaptation.moments import Moments
+from everplace.adaptation.other_light import CHANGES, changed
+from everplace.adaptation.place_weights import pair_weights, place_weights
+from everplace.adaptation.prior import Prior, load_prior, require_fitting, save_prior, shipped_prior
+from everplace.adaptation.route_adaptation import PRIOR_WEIGHT, adapted_projection, fitting_prior_weight, within_places
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Descriptors
 from everplace.describe.registry import open_describer
