@@ -1,7 +1,7 @@
 """Oriented gradients in 16 directions: 2,048 numbers of any frame, made to be adapted to a route.
 
-The fine structure that `best` starts from (`everplace.adaptation.oriented_gradients`), as a method of its own. Every frame,
-of any size and shape, grey or in colour, is brought to 64×128 grey pixels first.
+The fine structure that `best` starts from (`everplace.adaptation.oriented_gradients`), as a method of its own. Every
+frame, of any size and shape, grey or in colour, is brought to 64×128 grey pixels first.
 """
 
 from __future__ import annotations

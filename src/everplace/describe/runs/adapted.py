@@ -1,7 +1,7 @@
 """A descriptor adapted to a route: another method's numbers, projected to what tells the route's places apart.
 
-What `everplace adapt` writes. The projection is `everplace.adaptation.route_adaptation`'s; a run that was adapted is copied
-into the directory, so that it holds all that describing needs.
+What `everplace adapt` writes. The projection is `everplace.adaptation.route_adaptation`'s; a run that was adapted is
+copied into the directory, so that it holds all that describing needs.
 """
 
 from __future__ import annotations
