@@ -144,7 +144,9 @@ def _convolution(given: int, made: int, kernel: int, stride: int, groups: int = 
 
 
 def _norm(channels: int) -> nn.BatchNorm2d:
-    return nn.BatchNorm2d(channels, eps=1e-3)
+    norm = nn.BatchNorm2d(channels, eps=1e-3)
+    norm.num_batches_tracked = None  # an integer of the file, which only training reads
+    return norm
 
 
 def _apply(convolution: nn.Module, x: Tensor) -> Tensor:
