@@ -16,7 +16,6 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
-from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from everplace.describe.pretrained.network import NetworkDescriber
 from everplace.describe.pretrained.network_input import Normalisation
@@ -37,6 +36,7 @@ _BLOCKS = (
     (5, 1, 6, 112), (5, 1, 6, 112), (5, 1, 6, 112),
 )  # fmt: skip
 _STEM = 32
+_EPSILON = 1e-3
 
 
 class EfficientNetLite(nn.Module):
@@ -47,7 +47,7 @@ class EfficientNetLite(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self._conv_stem, self._bn0 = _convolution(3, _STEM, 3, 2), _norm(_STEM)
+        self._conv_stem, self._bn0 = _convolution(3, _STEM, 3, 2), _Norm(_STEM)
         channels = _STEM
         blocks = []
         for kernel, stride, expansion, width in _BLOCKS:
@@ -70,6 +70,25 @@ class EfficientNetLite(nn.Module):
             block.fuse()
 
 
+class _Norm(nn.Module):
+    """Batch normalisation by the statistics of training; torch's own has a counter that only training reads."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        for name in ("weight", "bias", "running_mean", "running_var"):
+            self.register_buffer(name, torch.empty(channels))
+
+    def forward(self, x: Tensor) -> Tensor:
+        scale, shift = self.affine()
+        return x * scale[:, None, None] + shift[:, None, None]
+
+    def affine(self) -> tuple[Tensor, Tensor]:
+        """(C,) and (C,): what each channel is multiplied by, and what is added."""
+        buffers = dict(self.named_buffers())
+        scale = buffers["weight"] * (buffers["running_var"] + _EPSILON).rsqrt()
+        return scale, buffers["bias"] - buffers["running_mean"] * scale
+
+
 class _Block(nn.Module):
     """An inverted residual block: widen, filter each channel, narrow."""
 
@@ -77,9 +96,9 @@ class _Block(nn.Module):
         super().__init__()
         inner = given * expansion
         self._expand_conv = _convolution(given, inner, 1, 1) if expansion > 1 else nn.Identity()
-        self._bn0 = _norm(inner) if expansion > 1 else nn.Identity()
-        self._depthwise_conv, self._bn1 = _convolution(inner, inner, kernel, stride, groups=inner), _norm(inner)
-        self._project_conv, self._bn2 = _convolution(inner, width, 1, 1), _norm(width)
+        self._bn0 = _Norm(inner) if expansion > 1 else nn.Identity()
+        self._depthwise_conv, self._bn1 = _convolution(inner, inner, kernel, stride, groups=inner), _Norm(inner)
+        self._project_conv, self._bn2 = _convolution(inner, width, 1, 1), _Norm(width)
         self._widens = expansion > 1
         self._residual = stride == 1 and given == width
 
@@ -143,12 +162,6 @@ def _convolution(given: int, made: int, kernel: int, stride: int, groups: int = 
     return nn.Conv2d(given, made, kernel, stride, padding=kernel // 2 if stride == 1 else 0, groups=groups, bias=False)
 
 
-def _norm(channels: int) -> nn.BatchNorm2d:
-    norm = nn.BatchNorm2d(channels, eps=1e-3)
-    norm.num_batches_tracked = None  # an integer of the file, which only training reads
-    return norm
-
-
 def _apply(convolution: nn.Module, x: Tensor) -> Tensor:
     assert isinstance(convolution, nn.Conv2d)
     if convolution.stride[0] == 2:
@@ -164,6 +177,8 @@ def _clipped(x: Tensor) -> Tensor:
 
 
 def _fold(module: nn.Module, convolution: str, norm: str) -> None:
-    given, scale = getattr(module, convolution), getattr(module, norm)
-    setattr(module, convolution, fuse_conv_bn_eval(given, scale))
+    given, following = getattr(module, convolution), getattr(module, norm)
+    scale, shift = following.affine()
+    given.weight = nn.Parameter(given.weight.detach() * scale[:, None, None, None])
+    given.bias = nn.Parameter(shift)
     setattr(module, norm, nn.Identity())
