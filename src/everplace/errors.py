@@ -32,6 +32,7 @@ __all__ = [
     "ImageError",
     "InputError",
     "MachineError",
+    "MapError",
     "MethodError",
     "MissingExtraError",
     "OtherRunError",
@@ -101,6 +102,10 @@ class DescriptorsError(InputError):
 
 class CheckpointError(InputError):
     """A run directory or checkpoint is missing, of another version, or was altered."""
+
+
+class MapError(InputError):
+    """A map is missing, damaged, of another format, or does not hold what is asked of it."""
 
 
 class MethodError(InputError):

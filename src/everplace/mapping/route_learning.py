@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from everplace.adaptation.drive_statistics import DriveStatistics, half_differences
 from everplace.adaptation.moments import Moments
-from everplace.adaptation.other_light import CHANGES, changed
 from everplace.adaptation.place_weights import pair_weights, place_weights
 from everplace.adaptation.prior import Prior, load_prior, require_fitting, save_prior, shipped_prior
 from everplace.adaptation.route_adaptation import PRIOR_WEIGHT, adapted_projection, fitting_prior_weight, within_places
@@ -24,6 +23,7 @@ from everplace.describe.runs.adapted import AdaptedDescriber, write_adapted
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable, require_free_directory, whole_directory
 from everplace.images.decoding import decode_images
+from everplace.mapping.described_drive import light_moments as moments_of_images
 from everplace.mapping.self_teaching import SurePairs, sure_pairs
 from everplace.match.standardise import require_standardisable
 from everplace.progress import Progress, quiet, shown
@@ -216,15 +216,7 @@ def light_moments(describer: Describer, drive: Traverse, progress: Progress = qu
     At most 512 frames, evenly spread, are looked at.
     """
     chosen = drive.take(spread(len(drive), _LIGHT_FRAMES))
-    size = describer.batch
-    changes = np.empty((len(chosen), len(CHANGES), describer.dimension), np.float32)
-    images = decode_images(chosen.paths, describer.image)
-    for start in progress(range(0, len(chosen), size), "in other light", -(-len(chosen) // size)):
-        batch = np.stack([next(images) for _ in range(min(size, len(chosen) - start))])
-        before = describer.describe_batch(batch)
-        for number, other in enumerate(changed(batch, start)):
-            changes[start : start + size, number] = half_differences(describer.describe_batch(other), before)
-    return Moments.of(changes.reshape(-1, describer.dimension))
+    return moments_of_images(list(decode_images(chosen.paths, describer.image)), describer, progress)
 
 
 class _Learning:

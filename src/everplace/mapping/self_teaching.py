@@ -12,7 +12,7 @@ from everplace.match.similarity import similarity
 from everplace.match.standardise import standardise
 from everplace.sequences.route_filter import filter_windows
 
-__all__ = ["SurePairs", "sure_pairs"]
+__all__ = ["SurePairs", "sure_pairs", "sure_pairs_of_scores"]
 
 _SEQUENCE = 10
 _SURE = 2.0
@@ -58,13 +58,21 @@ def sure_pairs(map_drive: Descriptors, drive: Descriptors) -> SurePairs:
     Raises:
         DescriptorsError: The two are of different methods or settings.
     """
-    S = similarity(standardise(drive, "centre"), standardise(map_drive, "centre"))
+    return sure_pairs_of_scores(similarity(standardise(drive, "centre"), standardise(map_drive, "centre")))
+
+
+def sure_pairs_of_scores(S: NDArray[np.float32]) -> SurePairs:
+    """Finds what `sure_pairs` finds, from scores.
+
+    Args:
+        S: M×N, frames of the drive against places of the map, both in the order of travel.
+    """
     odds = filter_windows(S, _SEQUENCE)
     places = odds.argmax(axis=1)
     best = odds[np.arange(len(odds)), places]
     kept = _in_runs(best > _SURE, places)
     frames = np.flatnonzero(kept)
-    return SurePairs(frames, places[frames], best[frames], len(drive))
+    return SurePairs(frames, places[frames], best[frames], len(S))
 
 
 def _in_runs(sure: NDArray[np.bool_], places: NDArray[np.int64]) -> NDArray[np.bool_]:
