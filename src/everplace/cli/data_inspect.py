@@ -62,6 +62,8 @@ def _result(route: Route, found: Inspection, shown: int | None) -> dict[str, Any
         "tolerance": route.tolerance,
         "radius": route.radius,
         "protocol": route.protocol,
+        "truth_from": route.truth_origin,
+        "aligned_by": route.aligned_by,
         "dark_places": int(found.dark.sum()),
         "stationary_places": int(found.stationary.sum()),
         "unreadable_places": int(found.broken.sum()),

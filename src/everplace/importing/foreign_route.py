@@ -79,6 +79,9 @@ class ForeignRoute:
         notes: Sentences that the user should read: what was left out and why, licence, protocol.
         protocol: The published protocol that chose the frames and the tolerance; empty: none.
         aligned: Whether equal stems in two traverses are the same place.
+        truth_from: Where the knowledge of which frames show the same place comes from, as a part of a sentence; empty:
+            the source does not tell.
+        aligned_by: The method on whose descriptors the drives were aligned; empty: not by images.
     """
 
     traverses: Iterator[ForeignTraverse]
@@ -88,6 +91,8 @@ class ForeignRoute:
     notes: tuple[str, ...] = ()
     protocol: str = ""
     aligned: bool = True
+    truth_from: str = ""
+    aligned_by: str = ""
 
 
 class SourceOptions(Settings):

@@ -16,6 +16,7 @@ from everplace.files import readable
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
 from everplace.importing.frame_pixels import parse_size, resized
 from everplace.importing.sampling import sample_by_change, sample_by_distance, sample_by_number, sample_by_time
+from everplace.route.route_toml import RouteToml
 
 __all__ = ["Drive", "RecordingOptions", "passed_over", "recorded_route"]
 
@@ -95,7 +96,12 @@ def passed_over(directory: Path, names: Sequence[str], what: str, endings: Seque
 
 
 def recorded_route(
-    source: Path, drives: Sequence[Drive], options: RecordingOptions, notes: Sequence[str] = (), *, aligned: bool = True
+    source: Path,
+    drives: Sequence[Drive],
+    options: RecordingOptions,
+    notes: Sequence[str] = (),
+    *,
+    told: RouteToml | None = None,
 ) -> ForeignRoute:
     """Makes a route of recordings: samples, resizes and names their frames.
 
@@ -104,7 +110,7 @@ def recorded_route(
         drives: At least one, in natural order of their names.
         options: What the user wants.
         notes: Sentences for the user.
-        aligned: Whether equal stems are the same place, where the options do not say it.
+        told: The route.toml of the route that the recordings are; None: they are none.
 
     Raises:
         ConfigError: There are not as many conditions as drives.
@@ -115,8 +121,12 @@ def recorded_route(
             f"drives: {', '.join(readable(drive.name) for drive in drives)}; name one for each, in this order"
         )
     conditions = options.conditions or tuple("" for _ in drives)
-    aligned = aligned if options.aligned is None else options.aligned
-    if aligned and options.stems == "shared" and len(drives) > 1 and not all(drive.named for drive in drives):
+    told = told or RouteToml()
+    # Numbers that the import gives are others than those of which a route.toml speaks.
+    aligned = (options.stems != "file" or told.aligned) if options.aligned is None else options.aligned
+    in_step = aligned and options.stems != "own" and len(drives) > 1
+    numbered = in_step and options.stems == "shared" and not all(drive.named for drive in drives)
+    if numbered:
         notes = (
             *notes,
             "The frames of each drive are numbered from 000000 on, and the same number counts as the same place; for "
@@ -129,7 +139,16 @@ def recorded_route(
         ),
         notes=tuple(notes),
         aligned=aligned,
+        truth_from=_truth_from(told, numbered=numbered) if in_step else "",
+        aligned_by=(told.aligned_by or "") if in_step else "",
     )
+
+
+def _truth_from(told: RouteToml, *, numbered: bool) -> str:
+    """Says where it comes from that equal stems are the same place: from what a route says of its own, if it does."""
+    if told.truth_from and told.aligned and told.radius is None and told.truth is None:
+        return told.truth_from
+    return "equal numbers of frames, the drives taken to be in step" if numbered else "equal names of frames"
 
 
 def _kept_frames(drive: Drive, options: RecordingOptions) -> Iterator[ForeignFrame]:

@@ -30,6 +30,11 @@ class Route:
         radius: Metres by which a match may be off, if route.toml says so.
         truth: Which frames show the same place, if route.toml names a file of pairs.
         protocol: The published protocol that chose the frames, if route.toml names one.
+        truth_origin: Where the knowledge of which frames show the same place comes from, if route.toml says so; a part
+            of a sentence, such as "positions by GPS within 10 m".
+        aligned_by: The method on whose descriptors equal stems were found to be the same place, if route.toml names
+            one; None: the stems do not come from an alignment by images. Stems are not the truth everywhere (see
+            `matched_by_stem`).
     """
 
     root: Path
@@ -39,6 +44,8 @@ class Route:
     radius: float | None = None
     truth: TruthTable | None = None
     protocol: str | None = None
+    truth_origin: str | None = None
+    aligned_by: str | None = None
 
     @property
     def name(self) -> str:
@@ -196,6 +203,8 @@ def open_route(path: str | os.PathLike[str]) -> Route:
         radius=settings.radius,
         truth=truth,
         protocol=settings.protocol,
+        truth_origin=settings.truth_from,
+        aligned_by=settings.aligned_by,
     )
 
 

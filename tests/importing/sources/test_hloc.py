@@ -28,6 +28,7 @@ def test_pairs_become_two_traverses_and_their_truth(data_set: Any) -> None:
     data_set.images(".", ["db/1.jpg", "db/2.jpg", "query/night/1.jpg", "query/night/2.jpg"])
     data_set.text("pairs.txt", ["# made by hand", "query/night/1.jpg db/2.jpg", "query/night/2.jpg db/1.jpg"])
     route = data_set.imported("hloc")
+    assert route.truth_origin == "the pairs of pairs.txt"
     assert route["queries"].stems == ("query-night-1", "query-night-2")
     assert route["database"].stems == ("db-1", "db-2")
     pair = choose_pair(route, "queries", "database", Selection())

@@ -216,6 +216,7 @@ def test_gps_aligns_two_drives(tmp_path: Path, write_seq: Any) -> None:
     drives(tmp_path, write_seq)
     both_forms(tmp_path)
     route, notes = imported(tmp_path, tmp_path / "route", align="gps", radius="2", form="images")
+    assert route.truth_origin == "positions by GPS, within 2 m"
     day, night = route["day"], route["night"]
     assert day.stems == night.stems == tuple(f"{place:05d}" for place in range(30))
     assert day.poses is not None
@@ -230,6 +231,7 @@ def test_gps_aligns_two_drives(tmp_path: Path, write_seq: Any) -> None:
 def test_positions_by_time_of_a_video_and_frames_without_position(tmp_path: Path, write_seq: Any) -> None:
     drives(tmp_path, write_seq)
     route, notes = imported(tmp_path, tmp_path / "route", form="videos")
+    assert route.truth_origin == "positions by GPS"
     night = route["night"]
     assert len(night) == 51  # the fixes end 0.9 s before the video
     assert night.poses is not None
@@ -250,6 +252,7 @@ def test_pairs_align_two_drives_and_every_thins_them(tmp_path: Path, write_seq: 
     pairs = tmp_path / "pairs.csv"
     pairs.write_text("set00/V000,set03/V000\nI00010,I00000\nI00030,I00040\n")
     route, _ = imported(tmp_path, tmp_path / "route", align="pairs", pairs=str(pairs), form="images", every="2")
+    assert route.truth_origin == f"the pairs of frames in {pairs.name}, set by hand"
     assert route["day"].poses is None
     chosen = [[int(path.resolve().stem[1:]) for path in traverse.paths] for traverse in route.traverses]
     assert chosen[0] == list(range(10, 31, 2))

@@ -54,6 +54,7 @@ def test_drives_become_traverses_with_conditions_poses_and_times(tmp_path: Path,
         "2021-08-06-16-19-00": "rain", "2021-08-13-15-46-56": "day", "2021-08-13-21-18-04": "night",
     }  # fmt: skip
     assert not route.aligned
+    assert route.truth_origin == "positions by GPS"
     night = route["night"]
     assert night.stems[1] == "2021-08-13-21-18-04_000001"
     assert night.paths[1].resolve() == (tmp_path / "ms2/sync_data" / NIGHT / "rgb/img_left/000001.png").resolve()

@@ -45,6 +45,7 @@ def test_matches_become_pairs_by_stem(data_set: Any) -> None:
 def test_an_import_is_evaluated_by_its_pairs(data_set: Any) -> None:
     write(data_set, MATCHES)
     route = data_set.imported("vprbench")
+    assert route.truth_origin == "the data set's list of true matches, ground_truth_new.npy"
     pair = choose_pair(route, "query", "ref", Selection())
     truth, resolved = true_matches(pair, Truth())
     assert str(resolved) == "pairs of truth.csv"

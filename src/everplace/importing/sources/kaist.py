@@ -12,7 +12,7 @@ taken. Positions come from `gps/setNN/VNNN.csv` (see `everplace.importing.positi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -102,7 +102,17 @@ def read(source: Path, options: Options) -> ForeignRoute:
         _traverses(sequences, conditions, chosen, poses, aligned=bool(options.align)),
         notes=tuple(notes),
         protocol=_PAPER_PROTOCOL if options.preset else "",
+        truth_from=_truth_from(options, poses),
     )
+
+
+def _truth_from(options: Options, poses: Mapping[str, NDArray[np.float64]]) -> str:
+    """Says where the knowledge of which frames show the same place comes from; empty: there is none."""
+    if options.pairs is not None:
+        return f"the pairs of frames in {readable(options.pairs.name)}, set by hand"
+    if options.align == "gps":
+        return f"positions by GPS, within {options.radius:g} m"
+    return "positions by GPS" if poses else ""
 
 
 def _check(options: Options) -> None:

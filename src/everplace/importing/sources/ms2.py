@@ -106,7 +106,11 @@ def read(source: Path, options: Options) -> ForeignRoute:
     notes.append(_LICENCE)
     bare = [readable(drive.name) for drive in drives if drive.positions is None]
     notes += [f"{name} has no gps_imu/data: it gets no poses." for name in bare]
-    return ForeignRoute(_traverses(drives, origin, table), notes=tuple(notes))
+    return ForeignRoute(
+        _traverses(drives, origin, table),
+        notes=tuple(notes),
+        truth_from="positions by GPS" if len(bare) < len(drives) else "",
+    )
 
 
 def _traverses(

@@ -67,6 +67,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
             for reference in matches
         ),
         notes=tuple(notes),
+        truth_from=f"the data set's list of true matches, {readable(options.truth)}",
     )
 
 
