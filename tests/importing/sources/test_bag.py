@@ -336,3 +336,75 @@ def test_a_position_of_exactly_0_0_is_no_fix(tmp_path: Path, name: str) -> None:
     assert poses is not None
     np.testing.assert_allclose(poses[2:, 0], [7.46, 14.92], atol=0.01)
     assert np.abs(poses).max() < 20
+
+
+def write_parts(directory: Path, ending: str, fixes: bool = True) -> None:
+    """Three parts of 3 images a second; the receiver spoke in the first and the last alone, a degree of 111,320 m."""
+    directory.mkdir()
+    for part in range(3):
+        rows = [image(10.0 + 3 * part + number) for number in range(3)]
+        if fixes and part != 1:
+            seconds = 10.0 if part == 0 else 18.0
+            rows.append(("/fix", FIX, seconds, (0, 0.0, 20 + (seconds - 10) * 1e-4)))
+        name = f"drive_{part}{ending}"
+        if ending == ".mcap":
+            bag = write_bag(directory.parent / f"{part}-mcap", rows)
+            (bag / f"{part}-mcap.mcap").rename(directory / name)
+        else:
+            write_bag(directory / name, rows)
+
+
+@pytest.mark.parametrize("ending", [".bag", "", ".mcap"])
+def test_a_split_drive_is_joined_and_shares_one_track(tmp_path: Path, ending: str) -> None:
+    write_parts(tmp_path / "winter", ending)
+    options = {"pose_limit": "9", "stems": "file"}
+    import_route("bag", tmp_path / "winter", tmp_path / "out", {"join": "true", **options})
+    (traverse,) = open_route(tmp_path / "out").traverses
+    assert (traverse.name, traverse.stems) == ("winter", tuple(f"{number:06d}" for number in range(9)))
+    times = (traverse.root / "times.csv").read_text().split()[1:]
+    assert [float(row.partition(",")[2]) for row in times] == [10.0 + number for number in range(9)]
+    assert traverse.poses is not None
+    np.testing.assert_allclose(traverse.poses[:, 0], 11.132 * np.arange(9), atol=1e-3)
+    import_route("bag", tmp_path / "winter", tmp_path / "fewer", {"join": "true", "every_metres": "22", **options})
+    assert open_route(tmp_path / "fewer").traverses[0].stems == ("000000", "000002", "000004", "000006", "000008")
+    some = {"join": f"drive_0{ending},drive_2{ending}", **options}
+    notes = import_route("bag", tmp_path / "winter", tmp_path / "some", some).notes
+    assert notes[0] == f"Recordings that join does not name were not read: drive_1{ending}."
+    assert len(open_route(tmp_path / "some").traverses[0]) == 6
+    with pytest.raises(RouteError, match=rf"drive_0{ending} begins before the part that it follows; name the parts in"):
+        import_route(
+            "bag", tmp_path / "winter", tmp_path / "back", {**options, "join": f"drive_2{ending},drive_0{ending}"}
+        )
+
+
+@pytest.mark.parametrize("ending", [".bag", "", ".mcap"])
+def test_a_split_drive_that_is_not_joined_is_told(tmp_path: Path, ending: str) -> None:
+    write_parts(tmp_path / "bags", ending, fixes=False)
+    notes = import_route("bag", tmp_path / "bags", tmp_path / "out", {"poses": "none"}).notes
+    assert len(open_route(tmp_path / "out").traverses) == 3
+    assert notes[0] == (
+        f"drive_0{ending} and drive_1{ending} in {tmp_path / 'bags'} look like parts of one drive, but each became a "
+        "drive of its own; if they are, import with --set join=true."
+    )
+
+
+def test_a_part_may_lack_the_images(tmp_path: Path) -> None:
+    (tmp_path / "bags").mkdir()
+    write_bag(tmp_path / "bags/a_0.bag", [image(1.0), image(2.0)])
+    write_bag(tmp_path / "bags/a_1.bag", [("/fix", FIX, 3.0, (0, 1.0, 1.0))])
+    write_bag(tmp_path / "bags/a_2.bag", [image(4.0)])
+    assert import_route("bag", tmp_path / "bags", tmp_path / "out", {"join": "true", "poses": "none"}).frames == 3
+
+
+def test_a_ros_2_bag_of_several_files_is_one_drive(tmp_path: Path) -> None:
+    """As `ros2 bag record -b` splits it: metadata.yaml names the files."""
+    first = write_bag(tmp_path / "drive", [image(1.0), image(2.0)])
+    second = write_bag(tmp_path / "more", [image(3.0)])
+    (first / "drive.db3").rename(first / "drive_0.db3")
+    (second / "more.db3").rename(first / "drive_1.db3")
+    metadata = (first / "metadata.yaml").read_text()
+    metadata = metadata.replace("- drive.db3", "- drive_0.db3\n  - drive_1.db3")
+    (first / "metadata.yaml").write_text(metadata.replace("message_count: 2", "message_count: 3"))
+    assert import_route("bag", first, tmp_path / "out").frames == 3
+    notes = import_route("bag", first / "drive_0.db3", tmp_path / "part").notes
+    assert [note for note in notes if "looks like one of 2 parts of a drive" in note]
