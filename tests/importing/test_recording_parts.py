@@ -109,8 +109,8 @@ def test_files_that_cannot_be_joined(tmp_path: Path, join: str, message: str) ->
 
 
 def test_true_and_false_stand_for_all_files_and_none() -> None:
-    assert [PartOptions(join=value).join for value in (True, ["True"], ["true"])] == [("true",)] * 3
-    assert [PartOptions(join=value).join for value in (False, ["false"], ())] == [()] * 3
+    assert [PartOptions.model_validate({"join": value}).join for value in (True, ["True"], ["true"])] == [("true",)] * 3
+    assert [PartOptions.model_validate({"join": value}).join for value in (False, ["false"], ())] == [()] * 3
 
 
 def test_one_recording_has_no_files_to_join(parts: Path) -> None:

@@ -132,7 +132,7 @@ def write_route(
             (directory / name).write_text(content, encoding="utf-8")
         if out.is_dir():
             out.rmdir()  # it was empty; a rename onto it would fail on Windows
-    notes = route.notes if writer.links is None else (*route.notes, writer.links)
+    notes = (*route.notes, *([] if writer.links is None else [writer.links]))
     return ImportSummary(writer.traverses, writer.linked, route.tolerance, route.radius, route.protocol, notes)
 
 

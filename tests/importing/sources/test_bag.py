@@ -327,15 +327,89 @@ def test_damaged_bytes_give_frames_or_one_error(
     shutil.rmtree(tmp_path / "fuzz", ignore_errors=True)
 
 
+LOST = {"at 0, 0": (0, 0.0, 0.0), "status -1": (-1, 48.0, 11.0), "NaN": (0, float("nan"), float("nan"))}
+"""What a receiver says that has no fix."""
+
+
+def fixed_bag(path: Path, fixes: list[Any], *, rate: float = 1.0) -> Path:
+    """A bag with an image and a fix at the same moments."""
+    rows = [row for n, fix in enumerate(fixes) for row in (("/fix", FIX, 5 + n / rate, fix), image(5 + n / rate))]
+    return write_bag(path, rows)
+
+
+def east(*steps: int) -> list[Any]:
+    """Fixes so many steps of 7.46 m to the east."""
+    return [(0, 48.0, 11.0 + step / 10_000) for step in steps]
+
+
 @pytest.mark.parametrize("name", ["drive.bag", "drive", "drive-mcap"])
-def test_a_position_of_exactly_0_0_is_no_fix(tmp_path: Path, name: str) -> None:
-    fixes = [(0, 0.0, 0.0), (0, 48.0, 11.0), (0, 48.0, 11.0001), (0, 48.0, 11.0002)]
-    rows = [row for n, fix in enumerate(fixes) for row in (("/fix", FIX, 5 + n / 10, fix), image(5 + n / 10))]
-    import_route("bag", write_bag(tmp_path / name, rows), tmp_path / "out")
+@pytest.mark.parametrize("lost", LOST)
+def test_frames_without_a_fix_are_left_out_and_the_others_keep_their_numbers(
+    tmp_path: Path, name: str, lost: str
+) -> None:
+    fixes = [LOST[lost], LOST[lost], *east(0, 1), LOST[lost], *east(3)]
+    notes = import_route("bag", fixed_bag(tmp_path / name, fixes), tmp_path / "out").notes
+    (traverse,) = open_route(tmp_path / "out").traverses
+    assert traverse.stems == ("000002", "000003", "000005")
+    assert traverse.poses is not None
+    np.testing.assert_allclose(traverse.poses[:, 0], [0, 7.46, 22.39], atol=0.01)
+    assert f"3 frames of {Path(name).stem} were left out, since the receiver had no fix near them." in notes
+
+
+def test_frames_near_a_fix_have_its_position_whatever_is_said_between(tmp_path: Path) -> None:
+    fixes = [LOST["at 0, 0"], *east(0, 1, 2)]
+    import_route("bag", fixed_bag(tmp_path / "drive.bag", fixes, rate=10), tmp_path / "out")
     poses = open_route(tmp_path / "out").traverses[0].poses
     assert poses is not None
-    np.testing.assert_allclose(poses[2:, 0], [7.46, 14.92], atol=0.01)
-    assert np.abs(poses).max() < 20
+    np.testing.assert_allclose(poses[:, 0], [0, 0, 7.46, 14.92], atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("options", "stems"),
+    [
+        ({"every_frames": "2"}, ["000001", "000002"]),  # of 0, 2, 4 the first has no fix
+        ({"every_seconds": "2"}, ["000001", "000002"]),
+        ({"every_metres": "14"}, ["000000", "000001"]),
+        ({"change": "0.9"}, ["000000"]),
+        ({"without_pose": "drop"}, ["000000", "000001", "000002", "000003"]),
+        ({"stems": "own"}, ["drive-000002", "drive-000003", "drive-000004", "drive-000005"]),
+    ],
+)
+def test_frames_without_a_fix_in_what_is_sampled(tmp_path: Path, options: dict[str, str], stems: list[str]) -> None:
+    fixes = [LOST["NaN"], LOST["at 0, 0"], *east(0, 1, 2, 3)]
+    import_route("bag", fixed_bag(tmp_path / "drive.bag", fixes), tmp_path / "out", options)
+    assert list(open_route(tmp_path / "out").traverses[0].stems) == stems
+
+
+def test_a_receiver_that_says_nothing_is_still_refused(tmp_path: Path) -> None:
+    rows = [image(1.0), image(5.0), ("/fix", FIX, 5.0, (0, 48.0, 11.0))]
+    with pytest.raises(RouteError, match=r"has no pose within 0\.5 s of the frame '000000'"):
+        import_route("bag", write_bag(tmp_path / "a.bag", rows), tmp_path / "out")
+
+
+@pytest.mark.parametrize("lost", LOST)
+def test_a_drive_that_never_had_a_fix_gets_no_poses(tmp_path: Path, lost: str) -> None:
+    (tmp_path / "bags").mkdir()
+    fixed_bag(tmp_path / "bags/a.bag", [LOST[lost], LOST[lost]])
+    fixed_bag(tmp_path / "bags/b.bag", east(0, 1))
+    notes = import_route("bag", tmp_path / "bags", tmp_path / "out").notes
+    a, b = open_route(tmp_path / "out").traverses
+    assert (len(a), a.poses) == (2, None)
+    assert b.poses is not None
+    assert f"The topic /fix of {tmp_path / 'bags/a.bag'} holds no position, so the drive gets no poses." in notes
+    with pytest.raises(RouteError, match=r"a\.bag holds no position; choose another or none with --set poses"):
+        import_route("bag", tmp_path / "bags", tmp_path / "chosen", {"poses": "/fix"})
+
+
+def test_a_drive_whose_fixes_are_all_elsewhere(tmp_path: Path) -> None:
+    rows = [image(1.0), ("/fix", FIX, 1.0, LOST["at 0, 0"]), ("/fix", FIX, 9.0, (0, 48.0, 11.0))]
+    with pytest.raises(RouteError, match="no frame of a has a position, .* --set poses=none"):
+        import_route("bag", write_bag(tmp_path / "a.bag", rows), tmp_path / "out")
+
+
+def test_a_receiver_without_a_fix_need_not_know_the_time(tmp_path: Path) -> None:
+    rows = [("/fix", FIX, 0.0, LOST["status -1"]), image(1.0), ("/fix", FIX, 1.0, (0, 48.0, 11.0))]
+    assert import_route("bag", write_bag(tmp_path / "a.bag", rows), tmp_path / "out").frames == 1
 
 
 def write_parts(directory: Path, ending: str, fixes: bool = True) -> None:

@@ -315,3 +315,24 @@ def test_any_text_is_a_table_of_conditions_or_one_error(tmp_path: Path, text: by
     except ConfigError as error:
         assert path.name in str(error)
         assert len(str(error).splitlines()) == 1
+
+
+def test_frames_at_exactly_0_0_have_no_position(tmp_path: Path) -> None:
+    write_images(tmp_path, "set00/V000", 4)
+    header = "stem,lat,lon"
+    rows = [(f"I{number:05d}", 48.0, 11.0 + number / 1e4) for number in range(4)]
+    write_gps(tmp_path, "set00/V000", [("I00000", 0, 0), rows[1], rows[2], rows[3]], header)
+    route, notes = imported(tmp_path, tmp_path / "route")
+    assert "1 of 4 frames of set00/V000 have no position and were left out." in notes
+    poses = route.traverses[0].poses
+    assert poses is not None
+    np.testing.assert_allclose(poses[:, 0], [0, 7.46, 14.92], atol=0.01)
+    write_gps(tmp_path, "set00/V000", [(name, 0, 0) for name, _, _ in rows], header)
+    route, notes = imported(tmp_path, tmp_path / "route")
+    assert (route.traverses[0].poses, len(route.traverses[0])) == (None, 4)
+    path = tmp_path / "gps/set00/V000.csv"
+    assert f"{path} holds no fix near a frame: set00/V000 gets no poses." in notes
+    write_images(tmp_path, "set01/V000", 4)
+    write_gps(tmp_path, "set01/V000", rows, header)
+    with pytest.raises(RouteError, match=r"align=gps needs positions, and .*set00/V000\.csv holds no fix"):
+        imported(tmp_path, tmp_path / "route", align="gps")

@@ -25,11 +25,10 @@ from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.containers.ros_bag import BAG_ENDINGS, METADATA, Topic, read_messages, read_topics
 from everplace.importing.containers.ros_image import image_pixels
 from everplace.importing.foreign_route import Content, Encoded, ForeignFrame, ForeignRoute
-from everplace.importing.positions.geodesy import local_plane, track_headings
-from everplace.importing.positions.pose_track import BODY_AXIS, PoseTrack, planar_track, with_poses
-from everplace.importing.positions.trajectory import OPTICAL_AXIS, Trajectory, rotation_of
+from everplace.importing.positions.pose_track import with_poses
 from everplace.importing.recording import Drive, passed_over, recorded_route
 from everplace.importing.recording_parts import PartOptions, Recording, find_recordings
+from everplace.importing.sources._bag_poses import FIX, POSES, Clock, first_position, read_track, stamp_of
 from everplace.route.natural_order import natural_sorted
 
 __all__ = ["EXTRAS", "SUMMARY", "Options", "read"]
@@ -47,12 +46,6 @@ _OTHER_ENDINGS = tuple(
 """Endings of bags that cannot be read: still open when recording stopped, compressed, or broken downloads."""
 
 _IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
-_FIX = "sensor_msgs/msg/NavSatFix"
-_POSES = (
-    "nav_msgs/msg/Odometry",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "geometry_msgs/msg/PoseStamped",
-)
 
 
 def _check_origin(origin: tuple[float, ...]) -> tuple[float, ...]:
@@ -68,7 +61,7 @@ class Options(PartOptions):
     """The image topic; by default the only one."""
     poses: str = ""
     """The topic of positions or poses, or none to leave them out; by default the only one."""
-    clock: Literal["header", "recorded"] = "header"
+    clock: Clock = "header"
     """Which times count: header, the stamps of the messages, or recorded, when they were written."""
     ahead: Literal["x", "z"] = "x"
     """Which axis of the body, whose poses are recorded, is the camera's: x, or z where they are those of the camera
@@ -102,16 +95,20 @@ def read(source: Path, options: Options) -> ForeignRoute:
     drives: list[Drive] = []
     for recording in recordings:
         paths, label = recording.parts, _label(recording)
-        topics = read_topics(paths, (_IMAGE, _COMPRESSED, _FIX, *_POSES))
+        topics = read_topics(paths, (_IMAGE, _COMPRESSED, FIX, *POSES))
         images = _choose(topics, label, "image", "topic", options.topic, (_IMAGE, _COMPRESSED))
         poses = _choose_poses(topics, label, options)
-        if poses is not None and _FIX in poses.types and not origin:
-            origin = _first_position(paths, poses, label)
+        if poses is None and options.poses != "none":
+            notes.append(f"{label} holds no topic of positions or poses.")
+        elif poses is not None and FIX in poses.types:
+            first = first_position(paths, poses)
+            origin = origin or first or ()
+            if first is None and not options.poses:
+                notes.append(f"The topic {poses.name} of {label} holds no position, so the drive gets no poses.")
+                poses = None
         dropping = poses is not None and options.without_pose == "drop"
         frames = _frames(recording, images, poses, options, origin)
         drives.append(Drive(recording.name, frames, None if dropping else images.count))
-        if poses is None and options.poses != "none":
-            notes.append(f"{label} holds no topic of positions or poses.")
     if origin:
         notes.append(
             f"Positions are metres east and north of latitude {origin[0]:.7f}, longitude {origin[1]:.7f}, on the plane "
@@ -159,7 +156,7 @@ def _choose(found: Sequence[Topic], label: str, what: str, option: str, wanted: 
 
 
 def _choose_poses(found: Sequence[Topic], label: str, options: Options) -> Topic | None:
-    types = (_FIX, *_POSES)
+    types = (FIX, *POSES)
     if options.poses == "none" or not (options.poses or any(topic.types.intersection(types) for topic in found)):
         return None
     return _choose(found, label, "pose", "poses", options.poses, types)
@@ -169,7 +166,7 @@ def _frames(
     recording: Recording, images: Topic, poses: Topic | None, options: Options, origin: tuple[float, ...]
 ) -> Iterator[ForeignFrame]:
     paths = recording.parts
-    track = None if poses is None else _read_track(paths, poses, _label(recording), options, origin)
+    track = None if poses is None else read_track(paths, poses, _label(recording), options.clock, options.ahead, origin)
     drive = paths[0].name if len(paths) == 1 else recording.name
     yield from with_poses(_read_images(paths, images, options), track, options, drive)
 
@@ -187,7 +184,7 @@ def _read_images(paths: Sequence[Path], topic: Topic, options: Options) -> Itera
         messages = read_messages(path, topic.name, message_type, complete=True)
         for number, (recorded, message) in enumerate(messages):
             where = f"message {number} of {topic.name} in {readable(path)}"
-            seconds = _seconds(recorded, message, where, options)
+            seconds = stamp_of(recorded, message, where, options.clock)
             if number == 0 and seconds < began:
                 raise RouteError(
                     f"{readable(path)} begins before the part that it follows; name the parts in the order of time "
@@ -222,78 +219,3 @@ def _encoded(message: Any, where: str) -> Content:
             "the topic or choose another"
         )
     return Encoded(data, ending)
-
-
-def _seconds(recorded: int, message: Any, where: str, options: Options) -> float:
-    if options.clock == "recorded":
-        return recorded * 1e-9
-    stamp = message.header.stamp
-    if stamp.sec == 0 and stamp.nanosec == 0:
-        raise RouteError(f"{where} has no time stamp; take the times of recording with --set clock=recorded")
-    return float(stamp.sec) + float(stamp.nanosec) * 1e-9
-
-
-def _first_position(paths: Sequence[Path], topic: Topic, label: str) -> tuple[float, float]:
-    for path in paths:
-        for _, message in read_messages(path, topic.name, _FIX):
-            if _is_fixed(message):
-                return float(message.latitude), float(message.longitude)
-    raise _without_poses(topic, label)
-
-
-def _is_fixed(message: Any) -> bool:
-    """Says whether a receiver knew where it was (status -1: it did not; nor at exactly 0, 0, whatever the status)."""
-    latitude, longitude = message.latitude, message.longitude
-    return bool(
-        message.status.status >= 0 and abs(latitude) <= 90 and abs(longitude) <= 180 and (latitude or longitude)
-    )
-
-
-def _without_poses(topic: Topic, label: str) -> RouteError:
-    return RouteError(f"the topic {topic.name} of {label} holds no position; choose another or none with --set poses")
-
-
-def _read_track(
-    paths: Sequence[Path], topic: Topic, label: str, options: Options, origin: tuple[float, ...]
-) -> PoseTrack:
-    """Reads all positions or poses of a topic, those of all parts as one track.
-
-    Raises:
-        RouteError: There is none, or one is not finite or has no direction.
-    """
-    (message_type,) = topic.types
-    seconds: list[float] = []
-    values: list[list[float]] = []
-    for path in paths:
-        for number, (recorded, message) in enumerate(read_messages(path, topic.name, message_type)):
-            where = f"message {number} of {topic.name} in {readable(path)}"
-            if message_type != _FIX:
-                values.append(_pose_values(message, where))
-            elif _is_fixed(message):
-                values.append([message.latitude, message.longitude])
-            else:
-                continue
-            seconds.append(_seconds(recorded, message, where, options))
-    if not values:
-        raise _without_poses(topic, label)
-    name = f"the topic {topic.name} of {label}"
-    table = np.array(values, dtype=np.float64)
-    if message_type == _FIX:
-        order = np.argsort(seconds, kind="stable")
-        positions = local_plane(table[order], (origin[0], origin[1]))
-        return planar_track(name, np.array(seconds)[order], np.column_stack([positions, track_headings(positions)]))
-    axis = BODY_AXIS if options.ahead == "x" else OPTICAL_AXIS
-    return PoseTrack(name, Trajectory.of(seconds, table[:, :3].tolist(), rotation_of(table[:, 3:].tolist())), axis)
-
-
-def _pose_values(message: Any, where: str) -> list[float]:
-    """Returns the position and the quaternion x, y, z, w."""
-    pose = message.pose if hasattr(message.pose, "position") else message.pose.pose
-    position, q = pose.position, pose.orientation
-    values = [float(value) for value in (position.x, position.y, position.z, q.x, q.y, q.z, q.w)]
-    if not all(map(math.isfinite, values)) or not 0.95 < math.hypot(*values[3:]) < 1.05:
-        raise RouteError(
-            f"{where} has a position that is not finite or a quaternion whose length is not 1; choose another topic "
-            "or none with --set poses"
-        )
-    return values
