@@ -12,6 +12,7 @@ from everplace.files import readable
 from everplace.route.folder import read_traverses
 from everplace.route.natural_order import natural_key
 from everplace.route.route_toml import ROUTE_TOML, read_route_toml
+from everplace.route.spelling import spelling_hint
 from everplace.route.traverse import Frame, Pose, Traverse
 from everplace.route.truth import TruthTable
 
@@ -71,7 +72,10 @@ class Route:
     def why_not_aligned(self) -> str:
         """What to say of traverses that are not aligned: "<the traverses> ..."."""
         if self.stems_are_places:
-            return "share no stem"
+            first, *others = (traverse.stems for traverse in self.traverses)
+            hints = (spelling_hint(first, stems, " (") for stems in others)
+            hint = next(filter(None, hints), "")
+            return f"share no stem{hint})" if hint else "share no stem"
         return f"are not aligned, as {ROUTE_TOML} says (aligned = false)"
 
     @property
@@ -165,7 +169,9 @@ class Route:
         return frozenset(first.stems).intersection(*(traverse.stems for traverse in others))
 
     def _unknown(self, name: str) -> RouteError:
-        return RouteError(f"{readable(self.root)} has no traverse or condition {name!r}; {self._offer()}")
+        known = (word for traverse in self.traverses for word in (traverse.name, traverse.condition))
+        hint = spelling_hint([name], known)
+        return RouteError(f"{readable(self.root)} has no traverse or condition {name!r}; {self._offer()}{hint}")
 
     def _offer(self) -> str:
         """Says what can be chosen."""

@@ -16,6 +16,7 @@ from everplace.errors import ConfigError, RouteError
 from everplace.files import readable, whole_file
 from everplace.route.csv_table import CsvTable, TableRow
 from everplace.route.natural_order import natural_sorted
+from everplace.route.spelling import spelling_hint
 from everplace.route.traverse import Traverse
 
 __all__ = ["TRUTH_CSV", "TruthPair", "TruthTable", "truth_by_pose", "truth_by_position", "write_truth"]
@@ -172,7 +173,7 @@ def truth_by_position(
         raise RouteError(
             f"the traverses {query.name!r} and {database.name!r} share no stem, so nobody knows which frames "
             "show the same place; name frames of the same place alike, find them with `everplace data align`, or add "
-            "poses and give a radius"
+            f"poses and give a radius{spelling_hint(query.stems, database.stems)}"
         )
     place = {stem: rank for rank, stem in enumerate(natural_sorted({*query.stems, *database.stems, *places}))}
     # Further than all places is all of them; NumPy's integers end before Python's do.
@@ -219,12 +220,12 @@ def _position(row: TableRow, places: Mapping[str, Mapping[str, int]], traverse: 
     if traverse not in places:
         raise row.wrong(
             f"names the traverse {traverse!r}, which the route does not have; there are: "
-            f"{', '.join(map(readable, places))}"
+            f"{', '.join(map(readable, places))}{spelling_hint([traverse], places)}"
         )
     if stem not in places[traverse]:
         raise row.wrong(
             f"names the frame {stem!r}, which the traverse {traverse!r} does not have; correct the line or "
-            "add the frame"
+            f"add the frame{spelling_hint([stem], places[traverse])}"
         )
     return places[traverse][stem]
 
