@@ -23,7 +23,7 @@ from everplace.render.render_config import render_config
 from everplace.render.rendered_route import render_route
 from everplace.route.route import open_route
 from everplace.route.selection import Selection, parse_frames, select
-from everplace.scoring.retrieval import Truth
+from everplace.scoring.retrieval import MatchRule
 from everplace.training.fitted_methods import build_config
 from everplace.training.metrics_table import read_metrics
 
@@ -99,7 +99,7 @@ def run_demo(
     describers |= {name: open_describer(name) for name in ("sad", "hog")}
     tested = select(route, Selection(parse_frames(settings.tested)), progress)
     sources = {label: str(run_of(out, label)) if label in MODELS else label for label in describers}
-    study = open_study(tested, Truth(), Matching(), split={"frames": settings.tested}, progress=progress)
+    study = open_study(tested, MatchRule(), Matching(), split={"frames": settings.tested}, progress=progress)
     comparison = compare_methods(
         study,
         Methods(describers, sources, fit={"frames": settings.trained}),

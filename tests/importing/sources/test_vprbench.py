@@ -16,7 +16,7 @@ from everplace.errors import RouteError
 from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.sources import vprbench
 from everplace.route.selection import Selection
-from everplace.scoring.retrieval import Truth, choose_pair, retrieve, true_matches
+from everplace.scoring.retrieval import MatchRule, choose_pair, retrieve, true_matches
 
 MATCHES: list[list[Any]] = [[0, [1, 2]], [1, np.array([0])], [2, []]]
 
@@ -48,7 +48,7 @@ def test_an_import_is_evaluated_by_its_pairs(data_set: Any) -> None:
     route = data_set.imported("vprbench")
     assert route.truth_origin == "the data set's list of true matches, ground_truth_new.npy"
     pair = choose_pair(route, "query", "ref", Selection())
-    truth, resolved = true_matches(pair, Truth())
+    truth, resolved = true_matches(pair, MatchRule())
     assert str(resolved) == "pairs of truth.csv"
     assert truth.astype(int).tolist() == [[0, 1, 1, 0], [1, 0, 0, 0], [0, 0, 0, 0]]
     result = retrieve(route, "query", "ref", "hog")
@@ -115,7 +115,7 @@ def test_the_published_truth_of_gardens_point(data_set: Any) -> None:
     write(data_set, [[n, [m for m in range(n - 2, n + 3) if m >= 0]] for n in range(20)], queries=20, references=20)
     route = data_set.imported("vprbench")
     pair = choose_pair(route, "query", "ref", Selection())
-    truth, _ = true_matches(pair, Truth())
+    truth, _ = true_matches(pair, MatchRule())
     assert truth.sum(axis=1).tolist() == [3, 4, *[5] * 16, 4, 3]
     assert data_set.read(vprbench).notes == (
         "3 references to images that do not exist were dropped: 20, 21; there are 20 images from 0 on.",
