@@ -13,7 +13,6 @@ from everplace.experiments.comparison_methods import Methods, fit, run_of
 from everplace.experiments.comparison_report import write_comparison
 from everplace.experiments.manifest import open_study
 from everplace.experiments.recipe_names import named_method
-from everplace.images.decoding import usable_cores
 from everplace.match.matching import Matching
 from everplace.model.checkpoint import load_checkpoint
 from everplace.plots.canvas import new_figure
@@ -24,6 +23,7 @@ from everplace.render.rendered_route import render_route
 from everplace.route.route import open_route
 from everplace.route.selection import Selection, parse_frames, select
 from everplace.scoring.retrieval import MatchRule
+from everplace.threads import usable_cores
 from everplace.training.fitted_methods import build_config
 from everplace.training.metrics_table import read_metrics
 
