@@ -196,7 +196,9 @@ def _kept_frames(drive: Drive, options: RecordingOptions, notes: list[str]) -> I
             "import without positions, --set poses=none"
         )
     if lost:
-        notes.append(f"{lost} frames of {readable(drive.name)} were left out, since the receiver had no fix near them.")
+        notes.append(
+            f"Frames of {readable(drive.name)} that were left out, since the receiver had no fix near them: {lost}."
+        )
 
 
 def _sampled(frames: Iterator[ForeignFrame], options: RecordingOptions) -> Iterator[ForeignFrame]:

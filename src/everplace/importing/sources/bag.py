@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -121,7 +122,8 @@ def read(source: Path, options: Options) -> ForeignRoute:
 def _bags(directory: Path) -> list[str]:
     directories, files = TreePath(directory).children()
     names = [name for name in files if name.lower().endswith(tuple(BAG_ENDINGS))]
-    names += [name for name in directories if (directory / name / METADATA).exists()]
+    # A directory beside a bag may be one that nobody may look into.
+    names += [name for name in directories if os.path.exists(directory / name / METADATA)]  # noqa: PTH110
     return natural_sorted(names)
 
 
