@@ -19,13 +19,13 @@ from everplace.experiments.manifest import open_study
 from everplace.locking import locked
 from everplace.match.matching import Matching
 from everplace.route.route import open_route
-from everplace.scoring.retrieval import Truth
+from everplace.scoring.retrieval import MatchRule
 
 
 def written(route: Path, out: Path, **methods: str | Path) -> Comparison:
     """The comparison of methods by label, written to a directory; no peak memory is measured."""
     describers = {label: open_describer(str(method)) for label, method in methods.items()}
-    comparison = compare_methods(open_study(open_route(route), Truth(), Matching()), Methods(describers), out)
+    comparison = compare_methods(open_study(open_route(route), MatchRule(), Matching()), Methods(describers), out)
     write_comparison(comparison, out, title="c", details={})
     return comparison
 

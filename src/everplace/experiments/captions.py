@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from everplace.describe.files.descriptors import Metric
 from everplace.match.matching import Matching
-from everplace.scoring.retrieval import Truth
+from everplace.scoring.retrieval import MatchRule
 
 __all__ = [
     "match_caption",
@@ -28,7 +28,7 @@ def pair_words(query: str, database: str) -> str:
     return f"query {query}, database {database}"
 
 
-def right_words(truth: Truth) -> str:
+def right_words(truth: MatchRule) -> str:
     """Which matches count as right: a part of a sentence, such as "within ±1 frames"."""
     if truth.pairs is not None:
         return f"among the {truth}"
@@ -48,12 +48,12 @@ def matching_words(matching: Matching) -> str:
     return "descriptors compared as they are" if matching == Matching() else str(matching)
 
 
-def match_note(truth: Truth, score: str) -> str:
+def match_note(truth: MatchRule, score: str) -> str:
     """What a gallery of matches says of its signs and numbers; `score` as of `score_words`."""
     return f"right: {right_words(truth)}; number: {score}"
 
 
-def match_caption(truth: Truth, score: str) -> str:
+def match_caption(truth: MatchRule, score: str) -> str:
     """How to read a gallery of matches; `score` as of `score_words`."""
     return (
         f"Right and wrong matches. A proposed frame counts as right {right_words(truth)}, so it need not be the very "
@@ -61,7 +61,7 @@ def match_caption(truth: Truth, score: str) -> str:
     )
 
 
-def matrix_caption(query: str, database: str, truth: Truth, score: str) -> str:
+def matrix_caption(query: str, database: str, truth: MatchRule, score: str) -> str:
     """How to read a similarity matrix; `score` as of `score_words`."""
     return (
         f"Each row is a frame of the query {query}, each column one of the database {database}; the brighter, the more "

@@ -29,7 +29,7 @@ from everplace.report.html import Report
 from everplace.report.table_cells import Value
 from everplace.route.pack import pack
 from everplace.route.route import Route
-from everplace.scoring.retrieval import Retrieval, Truth
+from everplace.scoring.retrieval import MatchRule, Retrieval
 
 __all__ = [
     "Evaluation",
@@ -125,7 +125,7 @@ def seen_sentence(label: str, count: int) -> str:
     )
 
 
-def audit_pair(describer: Describer, route: Route, truth: Truth, progress: Progress = quiet) -> Audit | None:
+def audit_pair(describer: Describer, route: Route, truth: MatchRule, progress: Progress = quiet) -> Audit | None:
     """The leakage audit on the places that all traverses of a route share; None where it has no meaning."""
     shared = route.shared_stems()
     model = describer.latent_model
