@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from everplace.describe.files.descriptors import Descriptors, load_descriptors
     from everplace.describe.registry import load
     from everplace.errors import EverplaceError
+    from everplace.mapping.localizer import Localizer, MapAnswer
     from everplace.mapping.route_learning import Adaptation, adapt
+    from everplace.mapping.route_map import Map
     from everplace.match.matching import Matching
     from everplace.match.new_place import new_place_probability
     from everplace.match.similarity import similarity, similarity_blocks, top_k
@@ -47,6 +49,9 @@ __all__ = [
     "Descriptors",
     "EverplaceError",
     "Frame",
+    "Localizer",
+    "Map",
+    "MapAnswer",
     "Matching",
     "Retrieval",
     "Route",
@@ -86,6 +91,9 @@ _HOME = {
     "Descriptors": "describe.files.descriptors",
     "EverplaceError": "errors",
     "Frame": "route.traverse",
+    "Localizer": "mapping.localizer",
+    "Map": "mapping.route_map",
+    "MapAnswer": "mapping.localizer",
     "Matching": "match.matching",
     "Retrieval": "scoring.retrieval",
     "Route": "route.route",

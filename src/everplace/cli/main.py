@@ -13,13 +13,14 @@ from typing import Annotated
 import typer
 from typer.main import get_command
 
-from everplace.cli import data, show
+from everplace.cli import data, map, show
 from everplace.cli.adapt import adapt
 from everplace.cli.compare import compare
 from everplace.cli.demo import demo
 from everplace.cli.describe import describe
 from everplace.cli.evaluate import evaluate
 from everplace.cli.export import export
+from everplace.cli.localize import localize
 from everplace.cli.match import match
 from everplace.cli.train import train
 from everplace.errors import EverplaceError
@@ -57,10 +58,11 @@ def _options(
     pass
 
 
-for _subcommand in (demo, train, adapt, describe, match, evaluate, compare, export):
+for _subcommand in (demo, train, adapt, describe, match, evaluate, compare, export, localize):
     app.command(_subcommand.__name__)(_subcommand)
 app.add_typer(show.app, name="show")
 app.add_typer(data.app, name="data")
+app.add_typer(map.app, name="map")
 
 
 def main() -> None:

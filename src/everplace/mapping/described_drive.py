@@ -89,7 +89,12 @@ def describe_drive(
         raise RouteError(f"the drive {drive.name!r} holds no frame; give another")
     light = light_moments(kept.items, describer, progress) if in_other_light else None
     return DescribedDrive(
-        tuple(stems), np.concatenate(features), np.array(poses, float), np.array(seconds, float), tuple(thumbnails), light
+        tuple(stems),
+        np.concatenate(features),
+        np.array(poses, float),
+        np.array(seconds, float),
+        tuple(thumbnails),
+        light,
     )
 
 

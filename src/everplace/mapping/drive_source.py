@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.video_frames import VIDEO_ENDINGS
 from everplace.importing.foreign_route import ForeignFrame
-from everplace.route.folder import open_traverse
+from everplace.route.csv_table import read_poses
+from everplace.route.folder import POSES_CSV, open_traverse
 from everplace.route.traverse import Traverse
 
 __all__ = ["DriveFrames", "open_drive"]
@@ -57,10 +58,13 @@ def open_drive(source: Traverse | str | os.PathLike[str]) -> DriveFrames:
         return _foreign(bag.read(path, bag.Options(stems="file")).traverses)
     if path.is_file():
         raise RouteError(
-            f"{readable(path)} is no directory of images, no video ({', '.join(sorted(VIDEO_ENDINGS))}) and no bag; give "
-            "one of these"
+            f"{readable(path)} is no directory of images, no video ({', '.join(sorted(VIDEO_ENDINGS))}) and no bag; "
+            "give one of these"
         )
     traverse = open_traverse(path)
+    poses = path / POSES_CSV
+    if poses.is_file():
+        traverse = replace(traverse, poses=read_poses(poses, traverse.stems))
     return DriveFrames(traverse.name, _traverse_frames(traverse), len(traverse))
 
 

@@ -131,7 +131,7 @@ def calibrate(frames: MapFrames, order: PlaceFrames, pairs: _Pairs, solve: Any) 
     column = {int(place): index for index, place in enumerate(order.places)}
     queries = np.flatnonzero(frames.sure | (frames.between >= 0))
     queries = queries[[bool(frames.learns[drive]) for drive in frames.drives[queries]]]
-    true = np.array([column.get(int(_place(frames, row)), -1) for row in queries], np.int64)
+    true = np.array([column.get(_place(frames, row), -1) for row in queries.tolist()], np.int64)
     queries, true = queries[true >= 0], true[true >= 0]
     if len(queries) > _MOST:
         kept = np.unique(np.linspace(0, len(queries) - 1, _MOST).round().astype(np.int64))
@@ -151,9 +151,7 @@ def calibrate(frames: MapFrames, order: PlaceFrames, pairs: _Pairs, solve: Any) 
     return fit_calibration(scores[seen], true[seen], _REACH)
 
 
-def _pairs(
-    frames: MapFrames, order: PlaceFrames, there: NDArray[np.float32], weights: NDArray[np.float64]
-) -> _Pairs:
+def _pairs(frames: MapFrames, order: PlaceFrames, there: NDArray[np.float32], weights: NDArray[np.float64]) -> _Pairs:
     column = np.full(int(frames.places.max(initial=0)) + 1, -1, np.int64)
     column[order.places] = np.arange(len(order))
     later = frames.sure & (frames.places >= 0)
@@ -168,7 +166,9 @@ def _pairs(
             places.append(at)
             weighed.append(pair_weights(at, weights, own))
     if not rows:
-        return _Pairs(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, there.shape[1]), np.float32), np.empty(0))
+        return _Pairs(
+            np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, there.shape[1]), np.float32), np.empty(0)
+        )
     row, place = np.concatenate(rows), np.concatenate(places)
     changes = half_differences(frames.features[row].astype(np.float32), there[place])
     return _Pairs(row, place, changes, np.concatenate(weighed))

@@ -81,8 +81,8 @@ class MapTables:
         frames = pa.schema(
             [
                 ("drive", pa.string()), ("number", pa.int64()), ("stem", pa.string()), ("place", pa.int64()),
-                ("position", pa.float64()), ("sure", pa.bool_()), ("between", pa.int64()), ("x", pa.float64()), ("y", pa.float64()),
-                ("heading", pa.float64()), ("seconds", pa.float64()),
+                ("position", pa.float64()), ("sure", pa.bool_()), ("between", pa.int64()),
+                ("x", pa.float64()), ("y", pa.float64()), ("heading", pa.float64()), ("seconds", pa.float64()),
                 ("features", pa.list_(pa.float16(), features)), ("thumbnail", pa.binary()),
             ]
         )  # fmt: skip
@@ -114,7 +114,9 @@ class MapTables:
                 document = json.loads(row["document"])
                 arrays = load(row["arrays"])
             except Exception as error:
-                raise MapError(f"the map {readable(self.address)} is damaged ({error}); restore it from a copy") from None
+                raise MapError(
+                    f"the map {readable(self.address)} is damaged ({error}); restore it from a copy"
+                ) from None
             if document.get("format") != FORMAT:
                 raise MapError(
                     f"the map {readable(self.address)} has format {document.get('format')!r}, but this version of "
@@ -144,8 +146,8 @@ class MapTables:
         drives = np.array([rank.get(name, -1) for name in found["drive"].to_pylist()], np.int64)
         if (drives < 0).any() or len(found) != sum(drive["frames"] for drive in state.document["drives"]):
             raise MapError(
-                f"the map {readable(self.address)} is damaged: its frames are not those of its drives; restore it from a "
-                "copy"
+                f"the map {readable(self.address)} is damaged: its frames are not those of its drives; restore it "
+                "from a copy"
             )
         return found.take(np.lexsort((np.asarray(found["number"]), drives)))
 
@@ -203,7 +205,12 @@ class MapTables:
         return int(table.version)
 
     def commit(
-        self, version: int, document: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], frames: int, descriptors: int
+        self,
+        version: int,
+        document: Mapping[str, Any],
+        arrays: Mapping[str, NDArray[Any]],
+        frames: int,
+        descriptors: int,
     ) -> MapState:
         """Makes a new version the map.
 
@@ -243,7 +250,7 @@ class MapTables:
         except Exception as error:
             if self.exist:
                 raise MapError(
-                    f"the map {readable(self.address)} is damaged: its table {name} cannot be opened; restore it from a copy"
+                    f"the map {readable(self.address)} is damaged: its table {name} cannot be opened; restore a copy"
                 ) from error
             raise MapError(
                 f"there is no map at {readable(self.address)}; make one with `everplace map create`"
@@ -255,7 +262,7 @@ class MapTables:
             return (query.select(columns) if columns else query).limit(None).to_arrow()
         except Exception as error:  # LanceDB raises what its core gives
             raise MapError(
-                f"the map {readable(self.address)} is damaged ({str(error).splitlines()[0][:200]}); restore it from a copy"
+                f"the map {readable(self.address)} is damaged ({str(error).splitlines()[0][:200]}); restore a copy"
             ) from None
 
 

@@ -16,7 +16,8 @@ def directions(values: NDArray[np.floating]) -> NDArray[np.float32]:
     """
     wide = np.asarray(values, np.float64)
     length = np.linalg.norm(wide, axis=1, keepdims=True)
-    return np.divide(wide, length, out=np.zeros_like(wide), where=length > 0).astype(np.float32)
+    divided: NDArray[np.float32] = np.divide(wide, length, out=np.zeros_like(wide), where=length > 0).astype(np.float32)
+    return divided
 
 
 class PlaceFrames:

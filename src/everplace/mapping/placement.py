@@ -80,8 +80,8 @@ def pairs_by_pose(poses: NDArray[np.float64], known: NDArray[np.float64]) -> Sur
     here = np.flatnonzero(~np.isnan(poses).any(axis=1))
     distance, nearest = KDTree(known[there, :2]).query(poses[here, :2])
     columns = np.full(len(poses), -1, np.int64)
-    near = distance <= _RADIUS
-    columns[here[near]] = there[nearest[near]]
+    near = np.asarray(distance) <= _RADIUS
+    columns[here[near]] = there[np.asarray(nearest)[near]]
     return _pairs(columns)
 
 

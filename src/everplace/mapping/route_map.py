@@ -201,7 +201,9 @@ class Map:
     def condition_model(self) -> ConditionModel:
         """Tells conditions apart."""
         prefix = "condition."
-        arrays = {key.removeprefix(prefix): array for key, array in self._state.arrays.items() if key.startswith(prefix)}
+        arrays = {
+            key.removeprefix(prefix): array for key, array in self._state.arrays.items() if key.startswith(prefix)
+        }
         return ConditionModel.from_arrays(arrays, self.conditions)
 
     def describer(self) -> Describer:
@@ -262,7 +264,9 @@ class Map:
             source = open_drive(drive)
             name = name or source.name
             if name in self.drives:
-                raise MapError(f"the map holds a drive {name!r} already; give another `name`, or remove that drive first")
+                raise MapError(
+                    f"the map holds a drive {name!r} already; give another `name`, or remove that drive first"
+                )
             described = describe_drive(source, self.describer(), progress, in_other_light=False)
             described = _with_poses(described, poses)
             placement = shown(progress, "matching with the map", lambda: self._placed(described, align))
@@ -275,7 +279,13 @@ class Map:
             frames = self._tables.add_frames(_rows(name, described, placement))
             self._state = _learnt(self._tables, state, document, state.arrays, frames, progress, learns=learn)
         return AddedDrive(
-            name, len(described), int(placement.sure.sum()), placement.new, placement.how, placement.agreement, self.version
+            name,
+            len(described),
+            int(placement.sure.sum()),
+            placement.new,
+            placement.how,
+            placement.agreement,
+            self.version,
         )
 
     def remove(self, name: str, progress: Progress = quiet) -> None:
@@ -312,7 +322,11 @@ class Map:
     def versions(self) -> list[dict[str, Any]]:
         """Number, time and drives of every version, oldest first."""
         return [
-            {"version": state.version, "created": state.created, "drives": [one["name"] for one in state.document["drives"]]}
+            {
+                "version": state.version,
+                "created": state.created,
+                "drives": [one["name"] for one in state.document["drives"]],
+            }
             for state in self._tables.states()
         ]
 
@@ -323,7 +337,8 @@ class Map:
         condition = {one["name"]: one["condition"] for one in self.document["drives"]}
         of_frames = [condition[name] for name in table["drive"].to_pylist()]
         seen = Counter(
-            one for one, _ in {(name, place) for name, place in zip(of_frames, places.tolist(), strict=True) if place >= 0}
+            one
+            for one, _ in {(name, place) for name, place in zip(of_frames, places.tolist(), strict=True) if place >= 0}
         )
         return {
             "drives": [
@@ -341,7 +356,7 @@ class Map:
         }
 
     def verify(self) -> list[str]:
-        """Checks that every version can be read and is whole; returns a sentence for each fault, none if all is well."""
+        """Checks that every version can be read and is whole; returns a sentence for each fault."""
         faults = []
         for state in self._tables.states():
             try:
@@ -435,7 +450,9 @@ def _learnt(
     projection = Projection(kept["weight"].astype(np.float64), kept["bias"].astype(np.float64))
     some = np.unique(np.linspace(0, len(features) - 1, min(_CONDITION_FRAMES, len(features))).round().astype(np.int64))
     conditions = [document["drives"][frames.drives[row]]["condition"] for row in some.tolist()]
-    kept |= {f"condition.{key}": array for key, array in ConditionModel.fit(features[some], conditions).to_arrays().items()}
+    kept |= {
+        f"condition.{key}": array for key, array in ConditionModel.fit(features[some], conditions).to_arrays().items()
+    }
     descriptors = tables.write_descriptors(project(features, projection))
     return tables.commit(state.version + 1, new, kept, frames_version, descriptors)
 
@@ -472,7 +489,9 @@ def _with_poses(described: DescribedDrive, file: str | os.PathLike[str] | None) 
     unknown = (np.nan,) * 3
     poses = np.array([named.get(stem, unknown) for stem in described.stems], float)
     if np.isnan(poses).all():
-        raise ConfigError(f"`poses` {readable(file)} names no frame of the drive; its stems must be those of the frames")
+        raise ConfigError(
+            f"`poses` {readable(file)} names no frame of the drive; its stems must be those of the frames"
+        )
     return replace(described, poses=poses)
 
 
