@@ -11,7 +11,8 @@ import pytest
 from markupsafe import escape
 from PIL import Image
 
-from everplace.experiments.evaluation import Evaluation, evaluate_retrieval, write_evaluation
+from everplace.experiments.evaluation import Evaluation, evaluate_retrieval
+from everplace.experiments.evaluation_report import write_evaluation
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.model.checkpoint import save_checkpoint
 from everplace.model.condition_vae import ConditionVAE

@@ -91,7 +91,9 @@ def warn_of_seen_places(describers: Mapping[str, Describer], route: Route, advic
 
 
 def warn_of_retrieval(result: Retrieval, method: str, advice: str) -> None:
-    """Warns of scores that say little: of places that the method had seen, and of a traverse that finds itself."""
+    """Warns of scores that are not there or say little: of places that the method had seen, of a drive's own frames."""
+    if result.why_unscored:
+        warn(f"there are no scores: {result.why_unscored}")
     warn_of_seen_places({method: result.describer}, result.pair.route, advice)
     if result.pair.warning:
         warn(result.pair.warning)

@@ -220,6 +220,8 @@ def _run(study: Study, describer: Describer, source: str | None, part: Part, pro
     for query, database in progress(ordered, f"scoring {describer.method}", len(ordered)):
         pair = pair_of(route, query.name, database.name)
         one = retrieve_pair(pair, describer, study.truth, study.matching, described=described)
+        assert one.scores is not None  # a study has a truth
+        assert one.curve is not None
         pairs[query.name, database.name] = PairResult(one.scores, one.curve, one.new_place)
     audited = shown(progress, f"auditing {describer.method}", lambda: audit_pair(describer, route, study.truth, quiet))
     return MethodResult(pairs, describer.dimension, ms_per_image, peak, unmeasured, audited)
