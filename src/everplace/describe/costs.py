@@ -23,7 +23,16 @@ from everplace.describe.registry import open_describer
 from everplace.errors import MethodError, RouteError
 from everplace.images.decoding import decode_images
 
-__all__ = ["peak_memory", "time_describer"]
+__all__ = ["COST_DEFINITIONS", "peak_memory", "time_describer"]
+
+COST_DEFINITIONS = {
+    "dimension": "Numbers in a descriptor.",
+    "bytes": "Bytes of a descriptor, as float32.",
+    "ms/image": "Median milliseconds to describe one decoded image alone, over 32; opening the method is not counted.",
+    "peak MB": "Largest resident memory, in 10^6 bytes, of a process of its own that opens the method and describes 64 "
+    "images in batches: Python, libraries and weights count, memory of a GPU does not.",
+}
+"""One sentence for every cost, by its column in the tables."""
 
 _MEGABYTE = 10**6
 

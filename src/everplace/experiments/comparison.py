@@ -95,6 +95,23 @@ class Comparison:
         return [one.unmeasured for one in self.methods.values() if one.unmeasured]
 
     @property
+    def footnotes(self) -> list[str]:
+        """What needs no warning, but would puzzle a reader of the tables."""
+        if self.study.matching.sequence > 1:  # whose scores depend on what was driven before
+            return []
+        same = [
+            label
+            for label, one in self.methods.items()
+            if self.describers[label].metric != "place-posterior" and _same_in_both_directions(one)
+        ]
+        if not same:
+            return []
+        return [
+            f"AP of {', '.join(same)} is the same in both directions of a pair: it looks at all pairs of frames, "
+            "whichever side asks, and a pair scores the same both ways."
+        ]
+
+    @property
     def audits(self) -> dict[str, Audit]:
         """By label, for methods of the VAE family."""
         return {label: one.audit for label, one in self.methods.items() if one.audit is not None}
@@ -225,6 +242,12 @@ def _run(study: Study, describer: Describer, source: str | None, part: Part, pro
         pairs[query.name, database.name] = PairResult(one.scores, one.curve, one.new_place)
     audited = shown(progress, f"auditing {describer.method}", lambda: audit_pair(describer, route, study.truth, quiet))
     return MethodResult(pairs, describer.dimension, ms_per_image, peak, unmeasured, audited)
+
+
+def _same_in_both_directions(result: MethodResult) -> bool:
+    """Whether the average precision does not depend on which traverse asks."""
+    precision = {pair: one.scores.average_precision for pair, one in result.pairs.items()}
+    return all(np.isclose(precision[pair], precision[pair[::-1]], rtol=1e-6) for pair in precision)
 
 
 def _peak_memory(source: str | None, route: Route) -> tuple[float | None, str]:

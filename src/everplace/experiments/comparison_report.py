@@ -95,6 +95,8 @@ def _summary(report: Report, comparison: Comparison, panels: Figure) -> None:
         section.paragraph(f"{method} was left out: {reason}")
     for note in comparison.notes:
         section.paragraph(note)
+    for footnote in comparison.footnotes:
+        section.paragraph(footnote)
     section.figure(
         panels,
         alt=f"Precision-recall curves of {len(comparison.methods)} methods, a panel for each ordered pair.",
@@ -175,7 +177,8 @@ def _markdown(comparison: Comparison) -> str:
     lines += [f"{remark}  " for remark in comparison.remarks]
     lines += [f"{method} was left out: {reason}  " for method, reason in comparison.left_out.items()]
     lines += [f"{note}  " for note in comparison.notes]
-    if comparison.remarks or comparison.left_out or comparison.notes:
+    lines += [f"{footnote}  " for footnote in comparison.footnotes]
+    if comparison.remarks or comparison.left_out or comparison.notes or comparison.footnotes:
         lines += [""]
     lines += [f"{name}: {DEFINITIONS[name]}  " for name in COSTS]
     return "\n".join(lines).rstrip() + "\n"
