@@ -18,13 +18,15 @@ from everplace.audit.leakage import Audit, Probe
 from everplace.describe.registry import open_describer
 from everplace.experiments.comparison_parts import MethodResult, PairResult, Part, keep_pictures
 from everplace.route.route import open_route
+from everplace.scoring.precision_table import precision_table
 from everplace.scoring.scores import evaluate, precision_recall
 
 
 def result(audit: Audit | None = None) -> MethodResult:
     S = np.array([[0.1, 0.30000001192, -np.inf], [0.5, 0.2, 0.2]], np.float32)
     truth = np.array([[False, True, False], [False, False, True]])
-    pair = PairResult(evaluate(S, truth), precision_recall(S, truth), {"mean_probability": 0.1, "above_half": 1})
+    told = {"mean_probability": 0.1, "above_half": 1}
+    pair = PairResult(evaluate(S, truth), precision_recall(S, truth), precision_table(S, truth), told)
     return MethodResult({("a", "b"): pair}, 3, 1 / 3, 123.4, "", audit)
 
 
@@ -37,6 +39,7 @@ def test_a_kept_result_is_the_same_to_the_last_bit(tmp_path: Path) -> None:
     assert (back.costs(), back.audit) == (result().costs(), None)
     there, here = back.pairs["a", "b"], result().pairs["a", "b"]
     assert (there.scores, there.new_place) == (here.scores, here.new_place)
+    assert there.precision_table == here.precision_table
     for name in ("recall", "precision", "threshold"):
         np.testing.assert_array_equal(getattr(there.curve, name), getattr(here.curve, name), strict=True)
 

@@ -125,3 +125,17 @@ def test_tables_say_why_a_score_is_the_same_in_both_directions(
     for text in ((tmp_path / "table.md").read_text("utf-8"), visible(tmp_path)):
         assert ("is the same in both directions" in text) is bool(symmetric)
         assert f"AP of {symmetric} is the same in both directions of a pair" in text or not symmetric
+
+
+def test_thresholds_stand_with_every_pair(finished: Path) -> None:
+    out = finished / "c"
+    pairs = json.loads((out / "metrics.json").read_text())["pairs"]
+    tables = [one["precision_table"] for pair in pairs for one in pair["methods"].values()]
+    assert len(tables) == 4
+    for table in tables:
+        assert list(table) == ["90", "95", "99", "100"]
+        assert set(table["99"]) == {"threshold", "recall", "recall_interval", "accepted", "wrong"}
+    said = [one["good_enough_for"] for pair in pairs for one in pair["methods"].values()]
+    written_here = (out / "table.md").read_text("utf-8")
+    assert sum(f": {sentence}" in written_here for sentence in said) >= 2
+    assert visible(out).count("is accepted. The interval of the recall") == 4  # a caption of each pair, and its label

@@ -16,7 +16,7 @@ from everplace.describe.files.descriptors import Descriptors
 from everplace.errors import ConfigError, MethodError
 from everplace.experiments.comparison_methods import Methods
 from everplace.experiments.comparison_parts import PARTS, MethodResult, PairResult, Part
-from everplace.experiments.evaluation import audit_pair, seen_places, seen_sentence
+from everplace.experiments.evaluation import audit_pair, precision_metrics, seen_places, seen_sentence
 from everplace.experiments.manifest import MANIFEST, Study, require_same_study
 from everplace.experiments.recipe_names import named_recipe, recipe_metrics
 from everplace.files import remove_leftovers, write_json
@@ -131,6 +131,7 @@ class Comparison:
                     "methods": {
                         label: {
                             **one.scores.to_dict(),
+                            **precision_metrics(one.precision_table),
                             **self.methods[label].costs(),
                             **({"new_place": one.new_place} if one.new_place is not None else {}),
                         }
@@ -239,7 +240,8 @@ def _run(study: Study, describer: Describer, source: str | None, part: Part, pro
         one = retrieve_pair(pair, describer, study.truth, study.matching, described=described)
         assert one.scores is not None  # a study has a truth
         assert one.curve is not None
-        pairs[query.name, database.name] = PairResult(one.scores, one.curve, one.new_place)
+        assert one.precision_table is not None
+        pairs[query.name, database.name] = PairResult(one.scores, one.curve, one.precision_table, one.new_place)
     audited = shown(progress, f"auditing {describer.method}", lambda: audit_pair(describer, route, study.truth, quiet))
     return MethodResult(pairs, describer.dimension, ms_per_image, peak, unmeasured, audited)
 

@@ -25,6 +25,7 @@ from everplace.errors import DescriptorsError
 from everplace.files import remove_file, write_json, write_text
 from everplace.progress import Progress, quiet
 from everplace.route.traverse import Traverse
+from everplace.scoring.precision_table import AtPrecision
 from everplace.scoring.scores import PrecisionRecall, Scores
 
 __all__ = ["PARTS", "MethodResult", "PairResult", "Part", "keep_pictures"]
@@ -43,11 +44,13 @@ class PairResult:
     Attributes:
         scores: See `everplace.scoring.scores`.
         curve: The best-match precision-recall curve.
+        precision_table: See `everplace.scoring.precision_table`.
         new_place: See `everplace.scoring.retrieval.Retrieval`.
     """
 
     scores: Scores
     curve: PrecisionRecall
+    precision_table: dict[str, AtPrecision]
     new_place: dict[str, float] | None = None
 
 
@@ -170,6 +173,7 @@ def _pair_document(query: str, database: str, result: PairResult) -> dict[str, A
         "scores": result.scores.to_dict(),
         "curve": {name: values.tolist() for name, values in curve.items()},
         "threshold_type": str(result.curve.threshold.dtype),
+        "precision_table": {name: row.to_dict() for name, row in result.precision_table.items()},
         "new_place": result.new_place,
     }
 
@@ -178,5 +182,8 @@ def _pair_result(document: dict[str, Any]) -> PairResult:
     curve = {name: np.array(values, np.float64) for name, values in document["curve"].items()}
     curve["threshold"] = curve["threshold"].astype(np.dtype(document["threshold_type"]))
     return PairResult(
-        TypeAdapter(Scores).validate_python(document["scores"]), PrecisionRecall(**curve), document["new_place"]
+        TypeAdapter(Scores).validate_python(document["scores"]),
+        PrecisionRecall(**curve),
+        TypeAdapter(dict[str, AtPrecision]).validate_python(document["precision_table"]),
+        document["new_place"],
     )

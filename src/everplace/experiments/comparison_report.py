@@ -18,6 +18,7 @@ from everplace.experiments.comparison import COSTS, SCORES, Cell, Comparison
 from everplace.experiments.comparison_parts import PairResult, keep_pictures
 from everplace.experiments.latent_report import audit_section, latent_section
 from everplace.experiments.manifest import DEFINITIONS
+from everplace.experiments.precision_section import precision_section
 from everplace.experiments.recipe_names import named_method
 from everplace.experiments.retrieval_pictures import match_figure, matrix_figure, score_of, title_of
 from everplace.files import json_text, write_json, write_text
@@ -26,6 +27,7 @@ from everplace.plots.canvas import new_figure, save_figure
 from everplace.plots.interactive_curves import precision_recall_figure
 from everplace.plots.precision_recall import draw_precision_recall_panels
 from everplace.report.html import Report, Section
+from everplace.scoring.precision_table import good_enough_for
 from everplace.scoring.retrieval import pair_of
 
 __all__ = ["write_comparison"]
@@ -137,6 +139,7 @@ def _pair_section(
     for label in _shown(comparison, areas)[-1 if many else 0 :]:
         result = comparison.retrieval(pair, label)
         title, score = title_of(result, shown[label]), score_of(result)
+        precision_section(section, shown[label], results[label].precision_table, score)
         section.figure(
             matrix_figure(result, shown[label]),
             alt=f"Similarity matrix of {title}.",
@@ -174,6 +177,9 @@ def _markdown(comparison: Comparison) -> str:
     for query, database in comparison.results:
         table = comparison.table((query, database))
         lines += [f"**{_capitalised(pair_words(query, database))}**", "", *_markdown_table(*table), ""]
+        results = comparison.results[query, database]
+        best = _shown(comparison, {label: one.scores.auc_pr for label, one in results.items()})[-1]
+        lines += [f"{best}: {good_enough_for(results[best].precision_table)}", ""]
     lines += [f"{remark}  " for remark in comparison.remarks]
     lines += [f"{method} was left out: {reason}  " for method, reason in comparison.left_out.items()]
     lines += [f"{note}  " for note in comparison.notes]

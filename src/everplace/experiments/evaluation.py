@@ -15,6 +15,7 @@ from everplace.experiments.recipe_names import recipe_metrics
 from everplace.progress import Progress, quiet
 from everplace.route.pack import pack
 from everplace.route.route import Route
+from everplace.scoring.precision_table import AtPrecision, good_enough_for
 from everplace.scoring.retrieval import Retrieval, Truth
 from everplace.scoring.scores import Scores
 
@@ -22,6 +23,7 @@ __all__ = [
     "Evaluation",
     "audit_pair",
     "evaluate_retrieval",
+    "precision_metrics",
     "seen_places",
     "seen_sentence",
 ]
@@ -74,11 +76,11 @@ class Evaluation:
     def _scores(self) -> dict[str, Any]:
         """The scores; where nobody knows what is right they are None, and what can be said stands beside them."""
         result = self.result
-        if result.scores is not None:
-            return result.scores.to_dict()
+        if result.scores is not None and result.precision_table is not None:
+            return {**result.scores.to_dict(), **precision_metrics(result.precision_table)}
         best = result.similarity.max(axis=1)
         return {
-            **dict.fromkeys(field.name for field in fields(Scores)),
+            **dict.fromkeys([*(field.name for field in fields(Scores)), *PRECISION_METRICS]),
             "queries": len(result.query),
             "database": len(result.database),
             "unscored": result.why_unscored,
@@ -89,6 +91,15 @@ class Evaluation:
                 "highest": float(best.max()),
             },
         }
+
+
+PRECISION_METRICS = ("precision_table", "good_enough_for")
+
+
+def precision_metrics(table: Mapping[str, AtPrecision]) -> dict[str, Any]:
+    """What metrics.json says of choosing a threshold, by `PRECISION_METRICS`."""
+    rows = {name: row.to_dict() for name, row in table.items()}
+    return dict(zip(PRECISION_METRICS, (rows, good_enough_for(table)), strict=True))
 
 
 def evaluate_retrieval(result: Retrieval, source: str, progress: Progress = quiet) -> Evaluation:

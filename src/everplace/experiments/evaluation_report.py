@@ -16,6 +16,7 @@ from everplace.experiments.captions import (
 from everplace.experiments.evaluation import Evaluation, seen_sentence
 from everplace.experiments.latent_report import LATENT_PICTURES, audit_section, latent_section
 from everplace.experiments.manifest import DEFINITIONS
+from everplace.experiments.precision_section import precision_section
 from everplace.experiments.recipe_names import named_method, named_recipe
 from everplace.experiments.retrieval_pictures import match_figure, matrix_figure, score_of, title_of
 from everplace.files import filled_directory, remove_file, write_json
@@ -66,6 +67,8 @@ def _fill(out: Path, evaluation: Evaluation, details: dict[str, str]) -> list[st
         section.paragraph(f"There are no scores: {result.why_unscored}.")
     section.facts(_facts(evaluation))
     _curve(section, result, label)
+    if result.precision_table is not None:
+        precision_section(report.section("Choosing a threshold"), label, result.precision_table, score)
     report.section("Similarity matrix").figure(
         matrix,
         alt=f"Similarity of every query to every database frame: {title}.",

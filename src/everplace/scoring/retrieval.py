@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from everplace.route.route import Route
 from everplace.route.selection import Selection, select, select_maps
 from everplace.route.traverse import Traverse
 from everplace.route.truth import truth_by_pose, truth_by_position
+from everplace.scoring.precision_table import AtPrecision, precision_table
 from everplace.scoring.scores import PrecisionRecall, Scores, evaluate, precision_recall
 
 __all__ = ["Pair", "Retrieval", "Truth", "choose_pair", "pair_of", "retrieve", "retrieve_pair", "true_matches"]
@@ -200,6 +202,11 @@ class Retrieval:
     curve: PrecisionRecall | None
     new_place: dict[str, float] | None = None
     why_unscored: str = ""
+
+    @cached_property
+    def precision_table(self) -> dict[str, AtPrecision] | None:
+        """Threshold and recall at some precisions; None where the matches are not scored."""
+        return None if self.truth is None else precision_table(self.similarity, self.truth)
 
     @property
     def query(self) -> Traverse:
