@@ -19,13 +19,13 @@ from everplace.experiments.manifest import open_study
 from everplace.locking import locked
 from everplace.match.matching import Matching
 from everplace.route.route import open_route
-from everplace.scoring.retrieval import Truth
+from everplace.scoring.retrieval import MatchRule
 
 
 def written(route: Path, out: Path, **methods: str | Path) -> Comparison:
     """The comparison of methods by label, written to a directory; no peak memory is measured."""
     describers = {label: open_describer(str(method)) for label, method in methods.items()}
-    comparison = compare_methods(open_study(open_route(route), Truth(), Matching()), Methods(describers), out)
+    comparison = compare_methods(open_study(open_route(route), MatchRule(), Matching()), Methods(describers), out)
     write_comparison(comparison, out, title="c", details={})
     return comparison
 
@@ -119,7 +119,7 @@ def test_pictures_of_a_model_that_is_no_longer_compared_are_removed(tiny_route: 
 def test_tables_say_why_a_score_is_the_same_in_both_directions(
     tiny_route: Path, tmp_path: Path, matching: Matching, symmetric: str
 ) -> None:
-    study = open_study(open_route(tiny_route), Truth(), matching)
+    study = open_study(open_route(tiny_route), MatchRule(), matching)
     comparison = compare_methods(study, Methods({name: open_describer(name) for name in ("sad", "hog")}), tmp_path)
     write_comparison(comparison, tmp_path, title="c", details={})
     for text in ((tmp_path / "table.md").read_text("utf-8"), visible(tmp_path)):

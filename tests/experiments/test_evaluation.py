@@ -20,7 +20,7 @@ from everplace.model.condition_vae import ConditionVAE
 from everplace.model.model_config import ModelConfig
 from everplace.route.route import open_route
 from everplace.scoring.precision_table import good_enough_for, precision_table
-from everplace.scoring.retrieval import Truth, retrieve
+from everplace.scoring.retrieval import MatchRule, retrieve
 from everplace.training.config import TrainConfig, write_config
 
 PLACES = 6
@@ -40,7 +40,7 @@ def route(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def evaluated(route: Path, run: Path, about: dict[str, str], truth: Truth) -> Evaluation:
+def evaluated(route: Path, run: Path, about: dict[str, str], truth: MatchRule) -> Evaluation:
     """An untrained network, whose checkpoint says this of itself, between the two conditions."""
     settings = {"kind": "cp-vae", "height": 32, "width": 32, "channels": 1, "conditions": ("day", "night")}
     config = ModelConfig.model_validate({**settings, "places": 3, "fully_connected": False})
@@ -59,7 +59,7 @@ def evaluated(route: Path, run: Path, about: dict[str, str], truth: Truth) -> Ev
     ],
 )
 def test_recipe_and_remedies_are_named(route: Path, tmp_path: Path, about: dict[str, str], named: str | None) -> None:
-    write_evaluation(evaluated(route, tmp_path / "run", about, Truth(tolerance=2)), tmp_path, details={})
+    write_evaluation(evaluated(route, tmp_path / "run", about, MatchRule(tolerance=2)), tmp_path, details={})
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     page = (tmp_path / "report.html").read_text()
     assert {key: metrics[key] for key in about} == about
@@ -77,7 +77,7 @@ def test_recipe_and_remedies_are_named(route: Path, tmp_path: Path, about: dict[
 @pytest.mark.slow
 def test_the_report_says_how_it_was_measured(route: Path, tmp_path: Path) -> None:
     run = tmp_path / "runs" / "mine"
-    write_evaluation(evaluated(route, run, {"recipe": "best"}, Truth(tolerance=2)), tmp_path, details={})
+    write_evaluation(evaluated(route, run, {"recipe": "best"}, MatchRule(tolerance=2)), tmp_path, details={})
     page = (tmp_path / "report.html").read_text()
     assert f"<dt>method</dt><dd>{run}</dd>" in page
     section = page[page.index('<section id="how-it-was-measured"') :]
@@ -104,14 +104,14 @@ def test_pictures_of_an_earlier_method_do_not_stay(route: Path, tmp_path: Path) 
     hog = evaluate_retrieval(retrieve(open_route(route), "day", "night", "hog", tolerance=1), "hog")
     write_evaluation(hog, out, details={})
     assert {(out / name).read_bytes() for name in latent} == {b"mine"}
-    write_evaluation(evaluated(route, tmp_path / "run", {}, Truth(tolerance=1)), out, details={})
+    write_evaluation(evaluated(route, tmp_path / "run", {}, MatchRule(tolerance=1)), out, details={})
     assert latent < {path.name for path in out.iterdir()}
     write_evaluation(hog, out, details={})
     assert not latent & {path.name for path in out.iterdir()}
 
 
-@pytest.mark.parametrize(("truth", "within"), [(Truth(tolerance=2), 2), (Truth(radius=25.0), 1)])
-def test_the_audit_says_what_it_counts_as_right(route: Path, tmp_path: Path, truth: Truth, within: int) -> None:
+@pytest.mark.parametrize(("truth", "within"), [(MatchRule(tolerance=2), 2), (MatchRule(radius=25.0), 1)])
+def test_the_audit_says_what_it_counts_as_right(route: Path, tmp_path: Path, truth: MatchRule, within: int) -> None:
     assert evaluated(route, tmp_path, {}, truth).metrics()["audit"]["tolerance"] == within
 
 

@@ -25,7 +25,7 @@ from everplace.model.model_config import ModelConfig
 from everplace.route.route import open_route
 from everplace.route.selection import Selection, select
 from everplace.route.truth import truth_by_position
-from everplace.scoring.retrieval import Truth, choose_pair, retrieve, retrieve_pair, true_matches
+from everplace.scoring.retrieval import MatchRule, choose_pair, retrieve, retrieve_pair, true_matches
 from everplace.scoring.scores import evaluate
 
 
@@ -68,8 +68,8 @@ def test_an_opened_method_is_as_good_as_its_name(tiny_route: Path) -> None:
 
 def test_the_truth_of_a_retrieval_is_the_given_one_or_the_routes(tiny_route: Path) -> None:
     route = replace(open_route(tiny_route), tolerance=3)
-    assert retrieve(route, "winter", "summer", "sad").rule == Truth(3)
-    assert retrieve(route, "winter", "summer", "sad", tolerance=0).rule == Truth(0)
+    assert retrieve(route, "winter", "summer", "sad").rule == MatchRule(3)
+    assert retrieve(route, "winter", "summer", "sad", tolerance=0).rule == MatchRule(0)
     with pytest.raises(RouteError, match="poses"):
         retrieve(route, "winter", "summer", "sad", radius=5.0)
 
@@ -81,18 +81,18 @@ def test_an_unknown_condition_is_named(tiny_route: Path) -> None:
 
 def test_the_truth_comes_from_the_option_then_the_route_then_one_frame(tiny_route: Path) -> None:
     pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
-    assert true_matches(pair, Truth())[1] == Truth(1)
+    assert true_matches(pair, MatchRule())[1] == MatchRule(1)
     wider = replace(pair, route=replace(pair.route, tolerance=3))
-    assert true_matches(wider, Truth())[1] == Truth(3)
-    matches, truth = true_matches(wider, Truth(0))
-    assert truth == Truth(0)
+    assert true_matches(wider, MatchRule())[1] == MatchRule(3)
+    matches, truth = true_matches(wider, MatchRule(0))
+    assert truth == MatchRule(0)
     np.testing.assert_array_equal(matches, np.eye(12, dtype=bool))
 
 
 def test_two_truths_at_once_are_refused(tiny_route: Path) -> None:
     pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
     with pytest.raises(ConfigError, match="--radius"):
-        true_matches(pair, Truth(1, 5.0))
+        true_matches(pair, MatchRule(1, 5.0))
 
 
 def test_a_radius_uses_poses(tiny_route: Path) -> None:
@@ -100,7 +100,7 @@ def test_a_radius_uses_poses(tiny_route: Path) -> None:
         rows = [f"{place},{10.0 * place},0,0" for place in range(12)]
         (tiny_route / traverse / "poses.csv").write_text("stem,x,y,heading\n" + "\n".join(rows) + "\n")
     pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
-    matches, truth = true_matches(pair, Truth(radius=15.0))
+    matches, truth = true_matches(pair, MatchRule(radius=15.0))
     assert str(truth) == "within 15 m"
     places = np.arange(12)
     np.testing.assert_array_equal(matches, np.abs(places[:, None] - places) <= 1)
@@ -123,12 +123,12 @@ def test_descriptors_made_before_are_used_again(tiny_route: Path) -> None:
     pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
     hog = open_describer("hog")
     described = {one.name: hog.describe(one) for one in (pair.query, pair.database)}
-    new = retrieve_pair(pair, hog, Truth(), Matching())
-    used = retrieve_pair(pair, hog, Truth(), Matching(), described=described)
+    new = retrieve_pair(pair, hog, MatchRule(), Matching())
+    used = retrieve_pair(pair, hog, MatchRule(), Matching(), described=described)
     np.testing.assert_array_equal(new.similarity, used.similarity)
     winter = described["winter"]
     turned = {**described, "winter": replace(winter, values=winter.values[::-1].copy())}
-    other = retrieve_pair(pair, hog, Truth(), Matching(), described=turned)
+    other = retrieve_pair(pair, hog, MatchRule(), Matching(), described=turned)
     np.testing.assert_array_equal(other.similarity, used.similarity[::-1])
 
 
@@ -139,10 +139,10 @@ def test_stems_that_are_no_places_tell_no_truth_but_poses_do(tiny_route: Path) -
         (tiny_route / traverse / "poses.csv").write_text("stem,x,y,heading\n" + "\n".join(rows) + "\n")
     pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
     with pytest.raises(RouteError, match=r"are not aligned, as route.toml says \(aligned = false\), so nobody knows"):
-        true_matches(pair, Truth())
-    np.testing.assert_array_equal(true_matches(pair, Truth(radius=1.0))[0], np.eye(12, dtype=bool))
+        true_matches(pair, MatchRule())
+    np.testing.assert_array_equal(true_matches(pair, MatchRule(radius=1.0))[0], np.eye(12, dtype=bool))
     pair = choose_pair(open_route(tiny_route), "winter", "winter", Selection())
-    np.testing.assert_array_equal(true_matches(pair, Truth(0))[0], np.eye(12, dtype=bool))
+    np.testing.assert_array_equal(true_matches(pair, MatchRule(0))[0], np.eye(12, dtype=bool))
 
 
 def unaligned(root: Path, how: str) -> None:
@@ -191,7 +191,7 @@ def test_a_comparison_of_drives_that_are_not_aligned_names_the_remedy(tiny_route
     unaligned(tiny_route, how)
     tested = select_tested(open_route(tiny_route), ["hog"], Selection(), "")
     with pytest.raises(RouteError, match="`everplace data align`"):
-        open_study(tested, Truth(), Matching())
+        open_study(tested, MatchRule(), Matching())
 
 
 def rename(directory: Path, prefix: str) -> None:
@@ -230,11 +230,11 @@ def test_pairs_are_the_truth_of_the_route_until_an_option_says_otherwise(tiny_ro
     (tiny_route / "truth.csv").write_text("query_traverse,query,database_traverse,database\n" + pairs)
     (tiny_route / "route.toml").write_text('truth = "truth.csv"\n')
     pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection(slice(2, None)))
-    matches, truth = true_matches(pair, Truth())
-    assert truth == Truth(pairs="truth.csv")
+    matches, truth = true_matches(pair, MatchRule())
+    assert truth == MatchRule(pairs="truth.csv")
     np.testing.assert_array_equal(matches, np.diag([True] * 8 + [False] * 2))
     with pytest.raises(RouteError, match="share no stem"):
-        true_matches(pair, Truth(tolerance=1))
+        true_matches(pair, MatchRule(tolerance=1))
 
 
 def test_a_comparison_uses_the_pairs_in_both_directions(tiny_route: Path, tmp_path: Path) -> None:
@@ -243,7 +243,7 @@ def test_a_comparison_uses_the_pairs_in_both_directions(tiny_route: Path, tmp_pa
     (tiny_route / "truth.csv").write_text("query_traverse,query,database_traverse,database\n" + pairs)
     (tiny_route / "route.toml").write_text('truth = "truth.csv"\n')
     tested = select_tested(open_route(tiny_route), ["hog"], Selection(), "")
-    study = open_study(tested, Truth(), Matching())
+    study = open_study(tested, MatchRule(), Matching())
     metrics = compare_methods(study, Methods({"hog": open_describer("hog")}), tmp_path / "out").metrics()
     assert metrics["truth"] == "truth.csv"
     assert [pair["methods"]["hog"]["queries_with_match"] for pair in metrics["pairs"]] == [12, 12]
@@ -260,16 +260,16 @@ def test_queries_of_some_places_look_in_the_whole_map(tiny_route: Path) -> None:
         (tiny_route / "winter" / f"{place}.png").unlink()
     route = open_route(tiny_route)
     pair = choose_pair(route, "winter", "summer", Selection())
-    matches, _ = true_matches(pair, Truth())
+    matches, _ = true_matches(pair, MatchRule())
     np.testing.assert_array_equal(matches, banded([2, 5, 6, 9], list(range(12))))
     # The other way round only places that the map has are asked for; they are counted along the whole way.
     pair = choose_pair(route, "summer", "winter", Selection())
     assert pair.query.stems == pair.database.stems == ("2", "5", "6", "9")
-    matches, _ = true_matches(pair, Truth())
+    matches, _ = true_matches(pair, MatchRule())
     np.testing.assert_array_equal(matches, banded([2, 5, 6, 9], [2, 5, 6, 9]))
     assert matches.sum() == 6
     pair = choose_pair(route, "winter", "summer", Selection(slice(1, 3)))
-    matches, _ = true_matches(pair, Truth())
+    matches, _ = true_matches(pair, MatchRule())
     np.testing.assert_array_equal(matches, banded([5, 6], [5, 6, 7, 8]))
 
 
@@ -278,7 +278,7 @@ def test_a_comparison_and_an_evaluation_agree_on_the_whole_map(tiny_route: Path,
     for place in set(range(12)) - {2, 5, 6, 9}:
         (tiny_route / "winter" / f"{place}.png").unlink()
     route = open_route(tiny_route)
-    study = open_study(select_tested(route, ["hog"], Selection(), ""), Truth(), Matching("centre"))
+    study = open_study(select_tested(route, ["hog"], Selection(), ""), MatchRule(), Matching("centre"))
     compared = compare_methods(study, Methods({"hog": open_describer("hog")}), tmp_path / "out")
     assert compared.metrics()["places"] == 4
     found = {(pair["query"], pair["database"]): pair["methods"]["hog"] for pair in compared.metrics()["pairs"]}

@@ -53,6 +53,7 @@ class Alignment:
         frames: For each traverse the positions of the P places in it, increasing.
         paths: For each traverse but the reference the path through its similarity, where it was looked at; its
             pairs are those of `frames`.
+        method: The method on whose descriptors the drives were aligned; empty: not by their images.
     """
 
     route: Route
@@ -60,6 +61,7 @@ class Alignment:
     how: str
     frames: Mapping[str, NDArray[np.int64]]
     paths: Mapping[str, JudgedPath]
+    method: str = ""
 
     @property
     def places(self) -> int:
@@ -154,7 +156,9 @@ def align_by_images(
 
     frames = align_drives(_counts(route), chosen, align)
     how = f"the images' {describer.method} descriptors"
-    return _judged(_checked(Alignment(route, chosen, how, frames, {}), "align --by poses or --by pairs"), seen)
+    return _judged(
+        _checked(Alignment(route, chosen, how, frames, {}, describer.method), "align --by poses or --by pairs"), seen
+    )
 
 
 def judge(alignment: Alignment, describer: Describer, progress: Progress = quiet) -> Alignment:

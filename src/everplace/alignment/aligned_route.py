@@ -80,7 +80,8 @@ def write_aligned(alignment: Alignment, out: Path, progress: Progress = quiet) -
     """Writes an aligned route: links to the images under the reference's stems, what is known of them, and a table.
 
     Poses, times, conditions, tolerance, radius and protocol come along. So does a file of pairs, under the new stems;
-    a note says how many pairs are left out because a frame of theirs is.
+    a note says how many pairs are left out because a frame of theirs is. Where neither a radius nor pairs tell the same
+    places, the truth comes from this alignment, and the route says so.
 
     Args:
         alignment: What to write.
@@ -104,6 +105,8 @@ def write_aligned(alignment: Alignment, out: Path, progress: Progress = quiet) -
     foreign = ForeignRoute(
         traverses(), route.tolerance, route.radius,
         truth=None if pairs is None else iter(pairs), notes=notes, protocol=route.protocol or "",
+        truth_from=f"an alignment by {alignment.how}" if route.matched_by_stem else route.truth_origin or "",
+        aligned_by=alignment.method,
     )  # fmt: skip
     origin = f"Aligned with {alignment.reference} by {alignment.how}; see {ALIGNMENT_CSV}."
     return write_route(

@@ -39,9 +39,9 @@ def render(
     Example: everplace data render --out my-route --places 200 --image-size 224 224
     """
     require_directory(out)
-    from everplace.images.decoding import usable_cores
     from everplace.render.render_config import render_config
     from everplace.render.rendered_route import render_route
+    from everplace.threads import usable_cores
 
     given: dict[str, Any] = {"places": places, "seed": seed, "format": image_format}
     if image_size is not None:

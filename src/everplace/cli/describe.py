@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Annotated
 
@@ -79,10 +80,18 @@ def _below(images: Path, root: Path | None) -> str:
     """The way from the root to the images, with slashes; empty where they are the same."""
     if root is None:
         return ""
-    try:
-        below = images.resolve().relative_to(root.resolve())
-    except ValueError:
-        raise ConfigError(
-            f"--image-root {readable(root)} is not above {readable(images)}; name a directory that the images lie in"
-        ) from None
-    return "" if below == Path() else below.as_posix()
+    # As the path is given, before links are followed: a drive may be a link in its route to where it was recorded.
+    for path in (images.absolute(), images.resolve()):
+        for above in (path, *path.parents):
+            if _same(above, root):
+                below = path.relative_to(above)
+                return "" if below == Path() else below.as_posix()
+    raise ConfigError(
+        f"--image-root {readable(root)} is not above {readable(images)}; name a directory that the images lie in"
+    )
+
+
+def _same(path: Path, other: Path) -> bool:
+    with contextlib.suppress(OSError):
+        return path.samefile(other)
+    return False

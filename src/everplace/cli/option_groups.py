@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from everplace.progress import Progress
     from everplace.route.route import Route
     from everplace.route.selection import Selection
-    from everplace.scoring.retrieval import Retrieval, Truth
+    from everplace.scoring.retrieval import MatchRule, Retrieval
 
 __all__ = [
     "MatchingOptions",
@@ -71,11 +71,11 @@ class TruthOptions:
     tolerance: options.Tolerance = None
     radius: options.Radius = None
 
-    def truth(self) -> Truth:
+    def truth(self) -> MatchRule:
         """What is given of it."""
-        from everplace.scoring.retrieval import Truth
+        from everplace.scoring.retrieval import MatchRule
 
-        return Truth(self.tolerance, self.radius)
+        return MatchRule(self.tolerance, self.radius)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from everplace.describe.files.descriptors import Metric
 from everplace.match.matching import Matching
-from everplace.scoring.retrieval import Truth
+from everplace.scoring.retrieval import MatchRule
 
 __all__ = [
     "UNKNOWN",
@@ -32,7 +32,7 @@ def pair_words(query: str, database: str) -> str:
     return f"query {query}, database {database}"
 
 
-def right_words(truth: Truth) -> str:
+def right_words(truth: MatchRule) -> str:
     """Which matches count as right: a part of a sentence, such as "within ±1 frames"."""
     if truth.pairs is not None:
         return f"among the {truth}"
@@ -52,14 +52,14 @@ def matching_words(matching: Matching) -> str:
     return "descriptors compared as they are" if matching == Matching() else str(matching)
 
 
-def match_note(truth: Truth | None, score: str) -> str:
+def match_note(truth: MatchRule | None, score: str) -> str:
     """What a gallery of matches says of its signs and numbers; `score` as of `score_words`."""
     if truth is None:
         return f"{UNKNOWN}; number: {score}"
     return f"right: {right_words(truth)}; number: {score}"
 
 
-def match_caption(truth: Truth | None, score: str) -> str:
+def match_caption(truth: MatchRule | None, score: str) -> str:
     """How to read a gallery of matches; `score` as of `score_words`."""
     if truth is None:
         return f"Best matches, spread over the queries; {UNKNOWN}. The number below a proposed frame: {score}."
@@ -69,7 +69,7 @@ def match_caption(truth: Truth | None, score: str) -> str:
     )
 
 
-def matrix_caption(query: str, database: str, truth: Truth | None, score: str) -> str:
+def matrix_caption(query: str, database: str, truth: MatchRule | None, score: str) -> str:
     """How to read a similarity matrix; `score` as of `score_words`."""
     read = (
         f"Each row is a frame of the query {query}, each column one of the database {database}; the brighter, the more "

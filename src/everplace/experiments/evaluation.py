@@ -16,7 +16,7 @@ from everplace.progress import Progress, quiet
 from everplace.route.pack import pack
 from everplace.route.route import Route
 from everplace.scoring.precision_table import AtPrecision, good_enough_for
-from everplace.scoring.retrieval import Retrieval, Truth
+from everplace.scoring.retrieval import MatchRule, Retrieval
 from everplace.scoring.scores import Scores
 
 __all__ = [
@@ -64,7 +64,7 @@ class Evaluation:
             "database_condition": result.database.condition,
             "protocol": result.pair.route.protocol,
             **self._scores(),
-            **(result.rule or Truth()).metrics(),
+            **(result.rule or MatchRule()).metrics(),
             **result.matching.metrics(),
             "dimension": result.describer.dimension,
             "ms_per_image": round(self.ms_per_image, 4),
@@ -137,7 +137,7 @@ def seen_sentence(label: str, count: int) -> str:
     )
 
 
-def audit_pair(describer: Describer, route: Route, truth: Truth | None, progress: Progress = quiet) -> Audit | None:
+def audit_pair(describer: Describer, route: Route, truth: MatchRule | None, progress: Progress = quiet) -> Audit | None:
     """The leakage audit on the places that all traverses of a route share; None where it has no meaning."""
     shared = route.shared_stems()
     model = describer.latent_model

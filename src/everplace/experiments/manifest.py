@@ -26,7 +26,7 @@ from everplace.match.matching import Matching
 from everplace.progress import Progress, quiet
 from everplace.route.fingerprint import traverse_fingerprint
 from everplace.route.route import Route
-from everplace.scoring.retrieval import Truth, pair_of, true_matches
+from everplace.scoring.retrieval import MatchRule, pair_of, true_matches
 from everplace.scoring.score_definitions import SCORE_DEFINITIONS
 
 __all__ = ["DEFINITIONS", "MANIFEST", "Study", "open_study", "require_same_study"]
@@ -57,7 +57,7 @@ class Study:
     """
 
     route: Route
-    truth: Truth
+    truth: MatchRule
     matching: Matching
     document: dict[str, Any]
 
@@ -69,7 +69,7 @@ class Study:
 
 def open_study(
     route: Route,
-    truth: Truth,
+    truth: MatchRule,
     matching: Matching,
     *,
     split: Mapping[str, Any] | None = None,

@@ -132,7 +132,7 @@ def write_route(
             (directory / name).write_text(content, encoding="utf-8")
         if out.is_dir():
             out.rmdir()  # it was empty; a rename onto it would fail on Windows
-    notes = route.notes if writer.links is None else (*route.notes, writer.links)
+    notes = (*route.notes, *([] if writer.links is None else [writer.links]))
     return ImportSummary(writer.traverses, writer.linked, route.tolerance, route.radius, route.protocol, notes)
 
 
@@ -145,8 +145,8 @@ def _route_toml(origin: str, route: ForeignRoute, conditions: Mapping[str, str])
         table["radius"] = float(route.radius)
     if route.truth is not None:
         table["truth"] = TRUTH_CSV
-    if route.protocol:
-        table["protocol"] = route.protocol
+    said = {"truth_from": route.truth_from, "aligned_by": route.aligned_by, "protocol": route.protocol}
+    table |= {name: text for name, text in said.items() if text}
     differing = {name: {"condition": condition} for name, condition in conditions.items() if condition != name}
     if differing:
         table["traverses"] = differing

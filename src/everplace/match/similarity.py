@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from everplace.describe.files.descriptors import Descriptors
 from everplace.errors import ConfigError, DescriptorsError
 from everplace.fabmap.place_posterior import PlacePosterior
-from everplace.images.decoding import usable_cores
 from everplace.match.equal_rows import EqualRows
+from everplace.threads import usable_cores
 
 __all__ = ["best_columns", "similarity", "similarity_blocks", "top_k"]
 

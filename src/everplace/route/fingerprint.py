@@ -8,9 +8,10 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from everplace.images.decoding import read_image_bytes, usable_cores
+from everplace.images.decoding import read_image_bytes
 from everplace.progress import Progress, quiet
 from everplace.route.traverse import Traverse
+from everplace.threads import usable_cores
 
 __all__ = ["file_digests", "fingerprint", "traverse_fingerprint"]
 

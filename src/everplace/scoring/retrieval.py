@@ -27,7 +27,7 @@ from everplace.route.truth import truth_by_pose, truth_by_position
 from everplace.scoring.precision_table import AtPrecision, precision_table
 from everplace.scoring.scores import PrecisionRecall, Scores, evaluate, precision_recall
 
-__all__ = ["Pair", "Retrieval", "Truth", "choose_pair", "pair_of", "retrieve", "retrieve_pair", "true_matches"]
+__all__ = ["MatchRule", "Pair", "Retrieval", "choose_pair", "pair_of", "retrieve", "retrieve_pair", "true_matches"]
 
 
 def retrieve(
@@ -68,13 +68,13 @@ def retrieve(
     matching = matching or Matching()
     describer = _opened(method, matching, progress)
     pair = choose_pair(route, query, database, selection or Selection(), progress)
-    return retrieve_pair(pair, describer, Truth(tolerance, radius), matching, progress=progress)
+    return retrieve_pair(pair, describer, MatchRule(tolerance, radius), matching, progress=progress)
 
 
 def retrieve_pair(
     pair: Pair,
     describer: Describer,
-    truth: Truth,
+    truth: MatchRule,
     matching: Matching,
     *,
     described: Mapping[str, Descriptors] | None = None,
@@ -125,7 +125,7 @@ def _opened(method: str | os.PathLike[str] | Describer, matching: Matching, prog
 
 
 @dataclass(frozen=True)
-class Truth:
+class MatchRule:
     """When two frames show the same place.
 
     Attributes:
@@ -195,7 +195,7 @@ class Retrieval:
     pair: Pair
     describer: Describer
     matching: Matching
-    rule: Truth | None
+    rule: MatchRule | None
     similarity: NDArray[np.floating[Any]]
     truth: NDArray[np.bool_] | None
     scores: Scores | None
@@ -256,7 +256,7 @@ def pair_of(route: Route, query: str, database: str) -> Pair:
     return Pair(route, asking, map_)
 
 
-def true_matches(pair: Pair, truth: Truth) -> tuple[NDArray[np.bool_], Truth]:
+def true_matches(pair: Pair, truth: MatchRule) -> tuple[NDArray[np.bool_], MatchRule]:
     """The truth of a pair; what `truth` leaves open comes from route.toml, else ±1 frame.
 
     Frames are counted along all frames of the two traverses of the route, also those that do not ask.
@@ -273,9 +273,9 @@ def true_matches(pair: Pair, truth: Truth) -> tuple[NDArray[np.bool_], Truth]:
         raise ConfigError(f"tolerance {truth.tolerance} is negative; give 0 or a number of frames")
     if truth.tolerance is None and truth.radius is None:
         if route.truth is not None:
-            return route.truth.matches(pair.query, pair.database), Truth(pairs=route.truth.path.name)
+            return route.truth.matches(pair.query, pair.database), MatchRule(pairs=route.truth.path.name)
         tolerance = route.tolerance if route.radius is None else None
-        truth = Truth(1 if tolerance is None and route.radius is None else tolerance, route.radius)
+        truth = MatchRule(1 if tolerance is None and route.radius is None else tolerance, route.radius)
     if truth.radius is not None:
         return truth_by_pose(pair.query, pair.database, truth.radius), truth
     assert truth.tolerance is not None

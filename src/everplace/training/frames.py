@@ -13,12 +13,13 @@ from torch import Tensor
 
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
-from everplace.images.decoding import ImageSpec, map_ahead
+from everplace.images.decoding import ImageSpec
 from everplace.progress import Progress, quiet
 from everplace.route.fingerprint import fingerprint
 from everplace.route.pack import pack
 from everplace.route.route import Route
 from everplace.route.traverse import Traverse
+from everplace.threads import map_ahead
 from everplace.training.augment import Augmentation, augment, augmentation_rng
 from everplace.training.config import TrainConfig
 

@@ -124,3 +124,47 @@ def test_what_cannot_be(tmp_path: Path, drives: Path) -> None:
     with pytest.raises(RouteError, match="holds no image, nor do its directories"):
         import_route("images", drives, out)
     assert not out.exists()
+
+
+IN_STEP = "equal numbers of frames, the drives taken to be in step"
+
+
+@pytest.mark.parametrize(
+    ("options", "origin"),
+    [
+        ({}, IN_STEP),
+        ({"stems": "file"}, "equal names of frames"),
+        ({"stems": "own"}, None),
+        ({"aligned": "false"}, None),
+    ],
+)
+def test_where_the_truth_comes_from(tmp_path: Path, drives: Path, options: dict[str, str], origin: str | None) -> None:
+    import_route("images", drives, tmp_path / "out", options)
+    assert open_route(tmp_path / "out").truth_origin == origin
+    import_route("images", drives / "jan", tmp_path / "one", options)
+    assert open_route(tmp_path / "one").truth_origin is None
+
+
+@pytest.mark.parametrize(
+    ("said", "stems", "told"),
+    [
+        ("", "file", ("an alignment", "hog")),
+        ("", "shared", ("an alignment", "hog")),
+        ("", "own", (None, None)),
+        ("radius = 5.0", "file", ("equal names of frames", "hog")),
+    ],
+)
+def test_what_a_route_says_of_its_truth_comes_along(
+    tmp_path: Path, drives: Path, said: str, stems: str, told: tuple[str | None, str | None]
+) -> None:
+    (drives / "route.toml").write_text(f'truth_from = "an alignment"\naligned_by = "hog"\n{said}\n')
+    import_route("images", drives, tmp_path / "out", {"stems": stems})
+    route = open_route(tmp_path / "out")
+    assert (route.truth_origin, route.aligned_by) == told
+
+
+def test_a_route_toml_that_is_wrong_matters_where_names_are_kept_alone(tmp_path: Path, drives: Path) -> None:
+    (drives / "route.toml").write_text("tolerance = ")
+    import_route("images", drives, tmp_path / "out")
+    with pytest.raises(ConfigError, match="not valid TOML"):
+        import_route("images", drives, tmp_path / "file", {"stems": "file"})

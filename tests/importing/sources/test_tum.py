@@ -73,7 +73,9 @@ def test_several_sequences_are_imported(data_set: Any) -> None:
     assert {traverse.name: len(traverse) for traverse in route.traverses} == {"desk2": 3, "desk10": 3}
     assert route.radius is None  # one of them has no poses
     assert route["desk2"].poses is not None
-    assert data_set.read(tum, "desk2", limit=0.3, radius=1).radius == 1
+    assert route.truth_origin is None
+    alone = data_set.read(tum, "desk2", limit=0.3, radius=1)
+    assert (alone.radius, alone.truth_from) == (1, "the poses of the data set")
 
 
 @pytest.mark.parametrize(

@@ -69,6 +69,7 @@ def test_zones_do_not_overlap(data_set: Any) -> None:
 def test_an_imported_set_is_evaluated_by_its_poses(data_set: Any) -> None:
     write(data_set)
     route = data_set.imported("vpr")
+    assert route.truth_origin == "the positions (UTM) in the names of the data set's images"
     assert route.radius == 25.0
     assert not route.matched_by_stem
     assert len(route["queries"]) == 2

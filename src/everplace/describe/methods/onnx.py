@@ -24,8 +24,9 @@ from everplace.describe.pretrained.trial import first_line, measured_dimension
 from everplace.downloads import sha256_of
 from everplace.errors import ConfigError, MethodError, MissingExtraError
 from everplace.files import readable
-from everplace.images.decoding import ImageSpec, usable_cores
+from everplace.images.decoding import ImageSpec
 from everplace.model.provenance import plain_values, stems_seen
+from everplace.threads import usable_cores
 
 if TYPE_CHECKING:
     import onnxruntime

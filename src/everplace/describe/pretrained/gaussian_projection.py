@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from everplace.images.decoding import usable_cores
+from everplace.threads import usable_cores
 
 __all__ = ["GaussianProjection"]
 

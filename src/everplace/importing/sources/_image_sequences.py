@@ -202,6 +202,7 @@ def sequences_route(
         ),
         radius=radius if posed else None,
         notes=tuple(said),
+        truth_from="the poses of the data set" if posed else "",
     )
 
 

@@ -73,6 +73,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         ),
         truth=(TruthPair(first, stems[first][query], second, stems[second][image]) for query, image in pairs),
         notes=tuple(notes),
+        truth_from=f"the pairs of {readable(options.pairs)}",
     )
 
 

@@ -12,7 +12,7 @@ taken. Positions come from `gps/setNN/VNNN.csv` (see `everplace.importing.positi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -82,7 +82,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     conditions = {sequence.key: condition_of(table, sequence.key) for sequence in sequences}
     if options.preset:
         _check_paper(source, conditions)
-    poses = _poses(source, sequences, options)
+    poses, unplaced = _poses(source, sequences, options)
     chosen = {
         sequence.key: np.flatnonzero(np.isfinite(poses[sequence.key][:, 0]))
         if sequence.key in poses
@@ -90,7 +90,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         for sequence in sequences
     }
     notes = [_LICENCE, *(note for sequence in sequences for note in sequence.notes)]
-    notes += _notes_on_conditions(conditions) + _notes_on_positions(sequences, poses)
+    notes += [*_notes_on_conditions(conditions), *_notes_on_positions(sequences, poses), *unplaced]
     if options.align:
         counts = {key: len(frames) for key, frames in chosen.items()}
         chosen = _aligned(sequences, chosen, poses, options)
@@ -102,7 +102,17 @@ def read(source: Path, options: Options) -> ForeignRoute:
         _traverses(sequences, conditions, chosen, poses, aligned=bool(options.align)),
         notes=tuple(notes),
         protocol=_PAPER_PROTOCOL if options.preset else "",
+        truth_from=_truth_from(options, poses),
     )
+
+
+def _truth_from(options: Options, poses: Mapping[str, NDArray[np.float64]]) -> str:
+    """Says where the knowledge of which frames show the same place comes from; empty: there is none."""
+    if options.pairs is not None:
+        return f"the pairs of frames in {readable(options.pairs.name)}, set by hand"
+    if options.align == "gps":
+        return f"positions by GPS, within {options.radius:g} m"
+    return "positions by GPS" if poses else ""
 
 
 def _check(options: Options) -> None:
@@ -143,8 +153,10 @@ def _paper_places(source: Path, chosen: dict[str, NDArray[np.int64]]) -> dict[st
     return {key: frames[positions] for key, frames in chosen.items()}
 
 
-def _poses(source: Path, sequences: Sequence[KaistSequence], options: Options) -> dict[str, NDArray[np.float64]]:
-    """Reads the poses of the sequences that have a GPS file, all in one plane."""
+def _poses(
+    source: Path, sequences: Sequence[KaistSequence], options: Options
+) -> tuple[dict[str, NDArray[np.float64]], list[str]]:
+    """Reads the poses of the sequences that have a GPS file, all in one plane, and says of which it holds no fix."""
     tracks: dict[str, GpsTrack] = {}
     for sequence in sequences:
         folder, _, video = sequence.key.partition("/")
@@ -158,18 +170,26 @@ def _poses(source: Path, sequences: Sequence[KaistSequence], options: Options) -
             tracks[sequence.key] = read_gps(path)
         elif options.align == "gps":
             raise RouteError(f"align=gps needs {readable(path)}, which does not exist; set gps= or align by pairs")
-    origins = [track.positions[0] for track in tracks.values() if track.degrees]
+    origins = [track.positions[0] for track in tracks.values() if track.degrees and len(track.positions)]
     origin = (float(origins[0][0]), float(origins[0][1])) if origins else (0.0, 0.0)
-    return {
-        sequence.key: poses_on_track(
-            tracks[sequence.key],
-            sequence.frames,
-            None if tracks[sequence.key].seconds is None else sequence.seconds(),
-            origin,
-        )
-        for sequence in sequences
-        if sequence.key in tracks
-    }
+    poses: dict[str, NDArray[np.float64]] = {}
+    notes: list[str] = []
+    for sequence in sequences:
+        track = tracks.get(sequence.key)
+        if track is None:
+            continue
+        seconds = None if track.seconds is None else sequence.seconds()
+        found = poses_on_track(track, sequence.frames, seconds, origin)
+        if not track.lost or np.isfinite(found[:, 0]).any():
+            poses[sequence.key] = found
+        elif options.align == "gps":
+            raise RouteError(
+                f"align=gps needs positions, and {readable(track.path)} holds no fix (0, 0 is none) near a frame; "
+                f"leave {sequence.key} out with sequences=, or align by pairs"
+            )
+        else:
+            notes.append(f"{readable(track.path)} holds no fix near a frame: {sequence.key} gets no poses.")
+    return poses, notes
 
 
 def _aligned(

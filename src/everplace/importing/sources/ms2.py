@@ -67,13 +67,14 @@ class Options(SourceOptions):
 
 @dataclass(frozen=True, eq=False)
 class _Drive:
-    """One sequence; `positions` are degrees, `seconds` None where the times are not there."""
+    """One sequence; `positions` are degrees, `seconds` None where the times are not there, `lost` frames left out."""
 
     name: str
     directory: TreePath
     files: tuple[str, ...] = field(repr=False)
     positions: NDArray[np.float64] | None = field(repr=False)
     seconds: NDArray[np.float64] | None = field(repr=False)
+    lost: int
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
@@ -104,9 +105,14 @@ def read(source: Path, options: Options) -> ForeignRoute:
     fixes = [drive.positions[0] for drive in drives if drive.positions is not None]
     origin = (float(fixes[0][0]), float(fixes[0][1])) if fixes else (0.0, 0.0)
     notes.append(_LICENCE)
-    bare = [readable(drive.name) for drive in drives if drive.positions is None]
+    bare = [readable(drive.name) for drive in drives if drive.positions is None and not drive.lost]
     notes += [f"{name} has no gps_imu/data: it gets no poses." for name in bare]
-    return ForeignRoute(_traverses(drives, origin, table), notes=tuple(notes))
+    notes += [_note_on_fixes(drive) for drive in drives if drive.lost]
+    return ForeignRoute(
+        _traverses(drives, origin, table),
+        notes=tuple(notes),
+        truth_from="positions by GPS" if fixes else "",
+    )
 
 
 def _traverses(
@@ -158,12 +164,30 @@ def _open(root: TreePath, options: Options) -> _Drive:
     gps = root / "gps_imu" / "data"
     chosen = stems[:: options.every]
     positions = _read_positions(gps, chosen, f"an image of {readable(directory)}") if gps.is_dir() else None
+    files = np.array([names[stem] for stem in chosen], dtype=object)
+    times = None if times is None else times[:: options.every]
+    fixed = np.ones(len(files), np.bool_) if positions is None else positions.any(axis=1)
+    lost = int((~fixed).sum())
+    if lost == len(files):
+        return _Drive(root.name, directory, tuple(files), None, times, lost)
     return _Drive(
         root.name,
         directory,
-        tuple(names[stem] for stem in chosen),
-        positions,
-        None if times is None else times[:: options.every],
+        tuple(files[fixed]),
+        None if positions is None else positions[fixed],
+        None if times is None else times[fixed],
+        lost,
+    )
+
+
+def _note_on_fixes(drive: _Drive) -> str:
+    """Says what became of frames at exactly 0, 0 degrees, where the receiver had no fix."""
+    name = readable(drive.name)
+    if drive.positions is None:
+        return f"{name} holds no fix in gps_imu/data, 0, 0 throughout: it gets no poses."
+    return (
+        f"{drive.lost} of {drive.lost + len(drive.files)} frames of {name} are at exactly 0, 0, where the receiver had "
+        "no fix, and were left out."
     )
 
 

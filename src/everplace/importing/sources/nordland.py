@@ -118,6 +118,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         tolerance=copy.tolerance if preset is None else preset.tolerance,
         notes=tuple(notes) if preset is None else (preset.note, *notes),
         protocol=protocol,
+        truth_from="the data set's frame numbers, which are in step over the seasons",
     )
 
 

@@ -92,6 +92,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         ),
         radius=options.radius,
         notes=tuple(notes),
+        truth_from="the positions (UTM) in the names of the data set's images",
     )
 
 
