@@ -16,9 +16,10 @@ from everplace.describe.files.descriptors import Descriptors
 from everplace.errors import ConfigError, MethodError
 from everplace.experiments.comparison_methods import Methods
 from everplace.experiments.comparison_parts import PARTS, MethodResult, PairResult, Part
-from everplace.experiments.evaluation import audit_pair, precision_metrics, seen_places, seen_sentence
+from everplace.experiments.evaluation import audit_pair, precision_metrics
 from everplace.experiments.manifest import MANIFEST, Study, require_same_study
 from everplace.experiments.recipe_names import named_recipe, recipe_metrics
+from everplace.experiments.trust import circular_sentence, seen_places, seen_sentence, truth_source
 from everplace.files import remove_leftovers, write_json
 from everplace.locking import locked
 from everplace.match.matching import Matching
@@ -64,6 +65,11 @@ class Comparison:
         return self.study.route
 
     @property
+    def truth_source(self) -> str:
+        """Where it is known from which frames show the same place: a part of a sentence."""
+        return str(truth_source(self.route, self.study.truth))
+
+    @property
     def places(self) -> int:
         """Frames of the shortest traverse: where stems tell the places, those that all traverses have."""
         return min(map(len, self.route.traverses))
@@ -78,15 +84,20 @@ class Comparison:
 
     @property
     def remarks(self) -> list[str]:
-        """What must stand at every table: the remedies of each run, and how many tested places it had seen."""
+        """What must stand at every table: remedies of each run, tested places it had seen, a truth that it made."""
         named = {label: named_recipe(one.settings()) for label, one in self.describers.items()}
         told = [f"{label}: {recipe}" for label, recipe in named.items() if recipe is not None]
-        seen = [seen_sentence(label, count) for label, count in self.trained_places.items() if count]
-        return told + seen
+        seen = [
+            seen_sentence(label, self.describers[label], count) for label, count in self.trained_places.items() if count
+        ]
+        circular = [
+            circular_sentence(label, one, self.route, self.study.truth) for label, one in self.describers.items()
+        ]
+        return told + seen + [sentence for sentence in circular if sentence]
 
     @property
     def trained_places(self) -> dict[str, int]:
-        """By label, how many of the tested stems the method was trained on or chosen by."""
+        """By label, how many of the tested places the method was trained on or chosen by."""
         return {label: seen_places(one, self.route) for label, one in self.describers.items()}
 
     @property
@@ -123,6 +134,8 @@ class Comparison:
             "protocol": self.route.protocol,
             "places": self.places,
             **self.study.truth.metrics(),
+            "truth_from": self.truth_source,
+            "aligned_by": self.route.aligned_by,
             **self.study.matching.metrics(),
             "pairs": [
                 {

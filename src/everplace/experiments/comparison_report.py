@@ -114,7 +114,8 @@ def _say_remarks(section: Section, comparison: Comparison) -> None:
 
 def _how(report: Report, comparison: Comparison) -> None:
     section = report.section("How it was measured")
-    section.table(["what", "definition"], [[name, text] for name, text in DEFINITIONS.items()])
+    told = {"truth": f"What is right is known from {comparison.truth_source}.", **DEFINITIONS}
+    section.table(["what", "definition"], [[name, text] for name, text in told.items()])
     section.folded("Manifest", json_text(comparison.manifest))
 
 
@@ -171,7 +172,7 @@ def _shown(comparison: Comparison, areas: Mapping[str, float]) -> list[str]:
 
 def _markdown(comparison: Comparison) -> str:
     right, matching = right_words(comparison.study.truth), matching_words(comparison.study.matching)
-    lines = [f"{comparison.route.title}: {right}, {matching}", ""]
+    lines = [f"{comparison.route.title}: {right}, {matching}", "", f"Truth: {comparison.truth_source}", ""]
     if len(comparison.results) > 2:
         lines += ["**Mean over all ordered pairs**", "", *_markdown_table(*comparison.table()), ""]
     for query, database in comparison.results:

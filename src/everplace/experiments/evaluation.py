@@ -12,6 +12,7 @@ from everplace.audit.leakage import Audit, audit
 from everplace.describe.costs import time_describer
 from everplace.describe.describer import Describer
 from everplace.experiments.recipe_names import recipe_metrics
+from everplace.experiments.trust import seen_places, truth_source
 from everplace.progress import Progress, quiet
 from everplace.route.pack import pack
 from everplace.route.route import Route
@@ -24,8 +25,6 @@ __all__ = [
     "audit_pair",
     "evaluate_retrieval",
     "precision_metrics",
-    "seen_places",
-    "seen_sentence",
 ]
 
 
@@ -37,7 +36,7 @@ class Evaluation:
         result: Scores, curve and similarity.
         audit: The leakage audit; None unless the method is of the VAE family and the traverses are aligned.
         ms_per_image: Description alone, see `everplace.describe.costs.time_describer`.
-        trained_places: Tested stems that the model was trained on or chosen by.
+        trained_places: Tested places that the model was trained on or chosen by.
         source: The method as it was given, such as the path of a run.
     """
 
@@ -65,6 +64,8 @@ class Evaluation:
             "protocol": result.pair.route.protocol,
             **self._scores(),
             **(result.rule or MatchRule()).metrics(),
+            "truth_from": truth_source(result.pair.route, result.rule),
+            "aligned_by": result.pair.route.aligned_by,
             **result.matching.metrics(),
             "dimension": result.describer.dimension,
             "ms_per_image": round(self.ms_per_image, 4),
@@ -120,20 +121,6 @@ def evaluate_retrieval(result: Retrieval, source: str, progress: Progress = quie
         ms_per_image=time_describer(describer, result.query.paths),
         trained_places=seen_places(describer, route),
         source=source,
-    )
-
-
-def seen_places(describer: Describer, route: Route) -> int:
-    """How many of a route's stems a model was trained on or chosen by: the scores are no test of these."""
-    stems = {stem for traverse in route.traverses for stem in traverse.stems}
-    return len(stems & describer.seen_stems)
-
-
-def seen_sentence(label: str, count: int) -> str:
-    """Says that the scores of a method are no test of `count` places."""
-    return (
-        f"{count} of the tested places carry the names of places that {label} was trained on or chosen by: if it is "
-        "the same route, its scores say how well it remembers them, not how well it recognises."
     )
 
 

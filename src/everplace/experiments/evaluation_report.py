@@ -13,12 +13,13 @@ from everplace.experiments.captions import (
     pair_words,
     right_words,
 )
-from everplace.experiments.evaluation import Evaluation, seen_sentence
+from everplace.experiments.evaluation import Evaluation
 from everplace.experiments.latent_report import LATENT_PICTURES, audit_section, latent_section
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.precision_section import precision_section
 from everplace.experiments.recipe_names import named_method, named_recipe
 from everplace.experiments.retrieval_pictures import match_figure, matrix_figure, score_of, title_of
+from everplace.experiments.trust import circular_sentence, seen_sentence, truth_source
 from everplace.files import filled_directory, remove_file, write_json
 from everplace.match.match_file import write_matches
 from everplace.plots.canvas import save_figure
@@ -62,7 +63,9 @@ def _fill(out: Path, evaluation: Evaluation, details: dict[str, str]) -> list[st
     if (recipe := named_recipe(evaluation.settings)) is not None:
         section.paragraph(f"This run is not the paper's model alone: {recipe}.")
     if evaluation.trained_places:
-        section.paragraph(seen_sentence(describer.method, evaluation.trained_places))
+        section.paragraph(seen_sentence(describer.method, describer, evaluation.trained_places))
+    if circular := circular_sentence(describer.method, describer, route, rule):
+        section.paragraph(circular)
     if result.why_unscored:
         section.paragraph(f"There are no scores: {result.why_unscored}.")
     section.facts(_facts(evaluation))
@@ -123,6 +126,7 @@ def _how(evaluation: Evaluation) -> list[list[Value]]:
         "right": "Nothing says which frames show the same place."
         if result.rule is None
         else f"A proposed frame counts as right {right_words(result.rule)}.",
+        "truth": f"What is right is known from {truth_source(result.pair.route, result.rule)}.",
         "match": f"{matching_words(result.matching)}; score: {score_of(result)}",
         **{_long(name): _long(DEFINITIONS[name]) for name in (() if result.rule is None else _SCORES) + _COSTS},
     }
