@@ -152,6 +152,7 @@ def _pair_section(
             alt=f"Matches of {title}.",
             caption=match_caption(result.rule, score),
             dpi=96 if many else 192,
+            photos=True,
         )
 
 

@@ -81,6 +81,7 @@ def _fill(out: Path, evaluation: Evaluation, details: dict[str, str]) -> list[st
         gallery,
         alt=f"Queries, the proposed frames{'' if rule is None else ' and the true ones'}: {title}.",
         caption=match_caption(rule, score),
+        photos=True,
     )
     if evaluation.audit is not None:
         audit_section(report.section("Leakage audit"), {label: evaluation.audit})
