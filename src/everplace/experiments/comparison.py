@@ -103,7 +103,9 @@ class Comparison:
     @property
     def notes(self) -> list[str]:
         """What else a reader must know, one sentence each."""
-        return [one.unmeasured for one in self.methods.values() if one.unmeasured]
+        busy = [label for label, one in self.methods.items() if one.beside_other_work]
+        beside = f"ms/image of {', '.join(busy)} was measured beside other work, so it may be too high."
+        return [one.unmeasured for one in self.methods.values() if one.unmeasured] + ([beside] if busy else [])
 
     @property
     def footnotes(self) -> list[str]:
@@ -146,6 +148,8 @@ class Comparison:
                             **one.scores.to_dict(),
                             **precision_metrics(one.precision_table),
                             **self.methods[label].costs(),
+                            "measured_beside_other_work": self.methods[label].beside_other_work,
+                            **({"frame_by_frame": one.frame_by_frame.to_dict()} if one.frame_by_frame else {}),
                             **({"new_place": one.new_place} if one.new_place is not None else {}),
                         }
                         for label, one in results.items()
@@ -238,7 +242,7 @@ def compare_methods(
 def _run(study: Study, describer: Describer, source: str | None, part: Part, progress: Progress) -> MethodResult:
     """One method on all pairs; only its own descriptors, and one similarity matrix, are in memory."""
     route = study.route
-    ms_per_image = shown(
+    image_time = shown(
         progress, f"timing {describer.method}", lambda: time_describer(describer, route.traverses[0].paths)
     )
     peak, unmeasured = shown(progress, f"memory of {describer.method}", lambda: _peak_memory(source, route))
@@ -254,9 +258,13 @@ def _run(study: Study, describer: Describer, source: str | None, part: Part, pro
         assert one.scores is not None  # a study has a truth
         assert one.curve is not None
         assert one.precision_table is not None
-        pairs[query.name, database.name] = PairResult(one.scores, one.curve, one.precision_table, one.new_place)
+        pairs[query.name, database.name] = PairResult(
+            one.scores, one.curve, one.precision_table, one.frame_by_frame, one.new_place
+        )
     audited = shown(progress, f"auditing {describer.method}", lambda: audit_pair(describer, route, study.truth, quiet))
-    return MethodResult(pairs, describer.dimension, ms_per_image, peak, unmeasured, audited)
+    return MethodResult(
+        pairs, describer.dimension, image_time.ms, image_time.beside_other_work, peak, unmeasured, audited
+    )
 
 
 def _same_in_both_directions(result: MethodResult) -> bool:

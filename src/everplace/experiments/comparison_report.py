@@ -17,6 +17,7 @@ from everplace.experiments.captions import (
 from everplace.experiments.comparison import COSTS, SCORES, Cell, Comparison
 from everplace.experiments.comparison_parts import PairResult, keep_pictures
 from everplace.experiments.latent_report import audit_section, latent_section
+from everplace.experiments.lead import comparison_lead, sequence_sentence
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.precision_section import precision_section
 from everplace.experiments.recipe_names import named_method
@@ -55,7 +56,8 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
     right, matching = right_words(comparison.study.truth), matching_words(comparison.study.matching)
     subtitle = f"{route.title}: {comparison.places} places, {right}, {matching}"
     names = _names(comparison)
-    report = Report(title, subtitle=subtitle, details=details)
+    found = {names[label]: comparison.mean("recall@1", label) for label in comparison.methods}
+    report = Report(title, subtitle=subtitle, lead=comparison_lead(found, len(comparison.results)), details=details)
     panels = {
         pair: {names[label]: one.curve for label, one in results.items()}
         for pair, results in comparison.results.items()
@@ -135,6 +137,10 @@ def _pair_section(
     )
     header, rows = comparison.table(names)
     section.table(header, rows, best=dict.fromkeys(SCORES, "highest"))
+    alone = {shown[label]: one.frame_by_frame for label, one in results.items() if one.frame_by_frame is not None}
+    together = {shown[label]: one.scores for label, one in results.items()}
+    if said := sequence_sentence(comparison.study.matching, alone, together):
+        section.paragraph(said)
     _say_remarks(section, comparison)
     many = len(comparison.results) > _FEW_PAIRS
     for label in _shown(comparison, areas)[-1 if many else 0 :]:

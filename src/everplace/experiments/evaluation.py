@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from everplace.audit.leakage import Audit, audit
-from everplace.describe.costs import time_describer
+from everplace.describe.costs import ImageTime, time_describer
 from everplace.describe.describer import Describer
 from everplace.experiments.recipe_names import recipe_metrics
 from everplace.experiments.trust import seen_places, truth_source
@@ -35,14 +35,14 @@ class Evaluation:
     Attributes:
         result: Scores, curve and similarity.
         audit: The leakage audit; None unless the method is of the VAE family and the traverses are aligned.
-        ms_per_image: Description alone, see `everplace.describe.costs.time_describer`.
+        image_time: Description alone, see `everplace.describe.costs.time_describer`.
         trained_places: Tested places that the model was trained on or chosen by.
         source: The method as it was given, such as the path of a run.
     """
 
     result: Retrieval
     audit: Audit | None
-    ms_per_image: float
+    image_time: ImageTime
     trained_places: int
     source: str
 
@@ -68,7 +68,8 @@ class Evaluation:
             "aligned_by": result.pair.route.aligned_by,
             **result.matching.metrics(),
             "dimension": result.describer.dimension,
-            "ms_per_image": round(self.ms_per_image, 4),
+            "ms_per_image": round(self.image_time.ms, 4),
+            "measured_beside_other_work": self.image_time.beside_other_work,
             "trained_places_tested": self.trained_places,
             **({"new_place": result.new_place} if result.new_place is not None else {}),
             **({"audit": self.audit.to_dict()} if self.audit is not None else {}),
@@ -78,7 +79,12 @@ class Evaluation:
         """The scores; where nobody knows what is right they are None, and what can be said stands beside them."""
         result = self.result
         if result.scores is not None and result.precision_table is not None:
-            return {**result.scores.to_dict(), **precision_metrics(result.precision_table)}
+            alone = result.frame_by_frame
+            return {
+                **result.scores.to_dict(),
+                **precision_metrics(result.precision_table),
+                **({"frame_by_frame": alone.to_dict()} if alone is not None else {}),
+            }
         best = result.similarity.max(axis=1)
         return {
             **dict.fromkeys([*(field.name for field in fields(Scores)), *PRECISION_METRICS]),
@@ -118,7 +124,7 @@ def evaluate_retrieval(result: Retrieval, source: str, progress: Progress = quie
     return Evaluation(
         result=result,
         audit=audit_pair(describer, route, result.rule, progress),
-        ms_per_image=time_describer(describer, result.query.paths),
+        image_time=time_describer(describer, result.query.paths),
         trained_places=seen_places(describer, route),
         source=source,
     )

@@ -15,6 +15,7 @@ from everplace.experiments.captions import (
 )
 from everplace.experiments.evaluation import Evaluation
 from everplace.experiments.latent_report import LATENT_PICTURES, audit_section, latent_section
+from everplace.experiments.lead import evaluation_lead, sequence_sentence
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.experiments.precision_section import precision_section
 from everplace.experiments.recipe_names import named_method, named_recipe
@@ -58,7 +59,8 @@ def _fill(out: Path, evaluation: Evaluation, details: dict[str, str]) -> list[st
     _write_best_matches(result, out / "best_matches.csv")
     right = "not aligned" if rule is None else right_words(rule)
     subtitle = f"{route.title}: {right}, {matching_words(result.matching)}"
-    report = Report(title, subtitle=subtitle, details={"method": evaluation.source, **details})
+    lead = evaluation_lead(result, label)
+    report = Report(title, subtitle=subtitle, lead=lead, details={"method": evaluation.source, **details})
     section = report.section("Scores")
     if (recipe := named_recipe(evaluation.settings)) is not None:
         section.paragraph(f"This run is not the paper's model alone: {recipe}.")
@@ -69,6 +71,10 @@ def _fill(out: Path, evaluation: Evaluation, details: dict[str, str]) -> list[st
     if result.why_unscored:
         section.paragraph(f"There are no scores: {result.why_unscored}.")
     section.facts(_facts(evaluation))
+    if result.scores is not None and result.frame_by_frame is not None:
+        section.paragraph(sequence_sentence(result.matching, {label: result.frame_by_frame}, {label: result.scores}))
+    if evaluation.image_time.beside_other_work:
+        section.paragraph("The time for an image was measured beside other work, so it may be too high.")
     _curve(section, result, label)
     if result.precision_table is not None:
         precision_section(report.section("Choosing a threshold"), label, result.precision_table, score)
@@ -159,5 +165,5 @@ def _facts(evaluation: Evaluation) -> dict[str, float | int]:
         "queries": len(result.query),
         "database": len(result.database),
         "dimension": result.describer.dimension,
-        "ms per image": evaluation.ms_per_image,
+        "ms per image": evaluation.image_time.ms,
     }

@@ -141,16 +141,20 @@ class Report:
         >>> report.write(Path("report.html"))  # doctest: +SKIP
     """
 
-    def __init__(self, title: str, *, subtitle: str = "", details: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, title: str, *, subtitle: str = "", lead: str = "", details: Mapping[str, str] | None = None
+    ) -> None:
         """Starts an empty report.
 
         Args:
             title: The heading of the page and the name of its window.
             subtitle: One sentence below it.
+            lead: What the report says, in a sentence or two.
             details: Where the report comes from: names and values such as the command, the date, the version.
         """
         self.title = title
         self.subtitle = subtitle
+        self.lead = lead
         self.details = dict(details or {})
         self.sections: list[Section] = []
 
@@ -170,7 +174,12 @@ class Report:
         """Returns the whole page; bytes of a file name that are no UTF-8 stay readable."""
         plotly = _packed_plotly() if any(section.has_charts for section in self.sections) else ""
         page = _TEMPLATES.get_template("page.html").render(
-            title=self.title, subtitle=self.subtitle, details=self.details, sections=self.sections, plotly=plotly
+            title=self.title,
+            subtitle=self.subtitle,
+            lead=self.lead,
+            details=self.details,
+            sections=self.sections,
+            plotly=plotly,
         )
         return page.encode("utf-8", "backslashreplace").decode("utf-8")
 

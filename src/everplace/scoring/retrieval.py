@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -102,6 +102,9 @@ def retrieve_pair(
         described = {name: describer.describe(one, progress=progress) for name, one in traverses.items()}
     query = described[pair.query.name].of(pair.query.stems)
     database = described[pair.database.name].of(pair.database.stems)
+    frame_by_frame = None
+    if true is not None and matching.sequence > 1:
+        frame_by_frame = evaluate(compare_descriptors(query, database, replace(matching, sequence=1)), true)
     S = compare_descriptors(query, database, matching)
     return Retrieval(
         pair=pair,
@@ -114,6 +117,7 @@ def retrieve_pair(
         curve=None if true is None else precision_recall(S, true),
         new_place=new_place_summary(query, database),
         why_unscored=why_unscored,
+        frame_by_frame=frame_by_frame,
     )
 
 
@@ -190,6 +194,7 @@ class Retrieval:
         new_place: Where the method knows the probability that a query shows a place that is not in the database: its
             mean over the queries (`mean_probability`), and how many queries have one above one half (`above_half`).
         why_unscored: What keeps the matches from being scored, and the remedy; empty where they are.
+        frame_by_frame: The scores without sequences, where sequences are matched.
     """
 
     pair: Pair
@@ -202,6 +207,7 @@ class Retrieval:
     curve: PrecisionRecall | None
     new_place: dict[str, float] | None = None
     why_unscored: str = ""
+    frame_by_frame: Scores | None = None
 
     @cached_property
     def precision_table(self) -> dict[str, AtPrecision] | None:
