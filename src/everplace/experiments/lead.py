@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 from everplace.experiments.captions import matching_words
 from everplace.match.matching import Matching
-from everplace.scoring.precision_table import good_enough_for
 from everplace.scoring.retrieval import Retrieval
 from everplace.scoring.scores import Scores
 
@@ -21,7 +20,7 @@ def evaluation_lead(result: Retrieval, label: str) -> str:
         label: What the report calls the method.
     """
     query, database = result.query.name, result.database.name
-    if result.scores is None or result.precision_table is None:
+    if result.scores is None:
         return (
             f"{label} proposes a frame of {database} for each of the {len(result.query):,} frames of {query}; which "
             "proposals are right, nobody knows."
@@ -30,8 +29,7 @@ def evaluation_lead(result: Retrieval, label: str) -> str:
     first, five = (round(scores.recall_at[count] * sought) for count in (1, 5))
     return (
         f"{label} finds {first:,} of {sought:,} places of {query} in {database} at its first guess "
-        f"({_percent(scores.recall_at[1])}), and {five:,} among its first five. "
-        f"{good_enough_for(result.precision_table)}"
+        f"({_percent(scores.recall_at[1])}), and {five:,} among its first five."
     )
 
 
