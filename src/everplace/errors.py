@@ -9,6 +9,7 @@ the class's status.
     │   │   ├── SettingError        a setting by its name, which a command knows as an option
     │   │   └── OtherRunError       a run directory holds another run than the one to continue
     │   ├── RouteError              the structure of a route: folders, stems, conditions, poses
+    │   │   └── NotAlignedError     nothing says which frames of two traverses show the same place
     │   ├── ImageError              one image file that cannot be decoded
     │   ├── DescriptorsError        a descriptor file or array
     │   ├── CheckpointError         a run directory or a checkpoint
@@ -35,6 +36,7 @@ __all__ = [
     "MapError",
     "MethodError",
     "MissingExtraError",
+    "NotAlignedError",
     "OtherRunError",
     "RouteError",
     "SettingError",
@@ -90,6 +92,10 @@ class OtherRunError(ConfigError):
 
 class RouteError(InputError):
     """A route's folders, stems, conditions or poses are not what the task needs."""
+
+
+class NotAlignedError(RouteError):
+    """Nothing says which frames of two traverses show the same place."""
 
 
 class ImageError(InputError):

@@ -18,8 +18,8 @@ from everplace.cli import main
 from everplace.describe.describer import Describer
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MachineError, MissingExtraError
-from everplace.experiments.evaluation import seen_places
 from everplace.experiments.recipe_names import named_recipe
+from everplace.experiments.trust import seen_places
 from everplace.export import onnx_export as export
 from everplace.export.onnx_export import export_onnx
 from everplace.model.checkpoint import save_checkpoint

@@ -17,6 +17,7 @@ from everplace.fabmap.fabmap_model import load_fabmap
 from everplace.match.new_place import new_place_probability
 from everplace.match.similarity import similarity, top_k
 from everplace.progress import quiet
+from everplace.route.fingerprint import image_digests
 from everplace.route.route import Route, open_route
 from everplace.training.fit_fabmap import FabMapTrainConfig, _features, _sample_features, fit_fabmap
 from everplace.training.fitted_methods import FITTED_METHODS, build_config, fit_method
@@ -76,6 +77,9 @@ def test_places_are_recognised_by_the_run(run: Path, textured: Route) -> None:
     assert isinstance(describer, FabMapDescriber)
     assert (describer.method, describer.dimension, describer.metric) == ("fabmap", 121, "place-posterior")
     assert describer.seen_stems == {str(place) for place in range(8)}
+    assert describer.seen_images == {
+        digest for one in textured.traverses for digest in image_digests(one.take(list(range(8))))
+    }
     query, database = (describer.describe(textured[name], batch=3) for name in ("dusk", "day"))
     best, _ = top_k(query, database, 1)
     assert (best[:, 0] == np.arange(PLACES)).mean() >= 0.8

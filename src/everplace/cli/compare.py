@@ -19,7 +19,7 @@ from everplace.cli.output import (
     show_progress,
     show_result,
     warn,
-    warn_of_seen_places,
+    warn_of_methods,
 )
 from everplace.files import readable
 
@@ -74,7 +74,7 @@ def compare(
     study = open_study(tested, right.truth(), how.matching(), split=split, progress=progress)
     require_same_study(out, study)
     ready = fit_and_open(chosen, wanted, fit_frames, out, settings=settings, progress=progress)
-    warn_of_seen_places(ready.describers, tested, "Test on others with --frames")
+    warn_of_methods(ready.describers, tested, study.truth, "Test on others with --frames")
     comparison = compare_methods(study, ready, out, command=_command(), progress=progress)
     for method, reason in comparison.left_out.items():
         warn(f"{method} is left out: {reason}")

@@ -19,7 +19,7 @@ from everplace.progress import Progress
 if TYPE_CHECKING:
     from everplace.describe.describer import Describer
     from everplace.route.route import Route
-    from everplace.scoring.retrieval import Retrieval
+    from everplace.scoring.retrieval import MatchRule, Retrieval
 
 __all__ = [
     "named_settings",
@@ -33,8 +33,8 @@ __all__ = [
     "show_progress",
     "show_result",
     "warn",
+    "warn_of_methods",
     "warn_of_retrieval",
-    "warn_of_seen_places",
 ]
 
 T = TypeVar("T")
@@ -81,18 +81,29 @@ def warn(message: str) -> None:
     print(f"everplace: {message}", file=sys.stderr)
 
 
-def warn_of_seen_places(describers: Mapping[str, Describer], route: Route, advice: str) -> None:
-    """Warns of every method, by label, that was trained on or chosen by some of the places; `advice` is the remedy."""
-    from everplace.experiments.evaluation import seen_places, seen_sentence
+def warn_of_methods(describers: Mapping[str, Describer], route: Route, rule: MatchRule | None, advice: str) -> None:
+    """Warns of scores that are no test of a method.
+
+    Args:
+        describers: Methods by label.
+        route: The tested route.
+        rule: When a match is right, fully resolved.
+        advice: What to do where places were trained on.
+    """
+    from everplace.experiments.trust import circular_sentence, seen_places, seen_sentence
 
     for label, describer in describers.items():
         if seen := seen_places(describer, route):
-            warn(f"{seen_sentence(label, seen)} {advice}")
+            warn(f"{seen_sentence(label, describer, seen)} {advice}")
+        if circular := circular_sentence(label, describer, route, rule):
+            warn(circular)
 
 
 def warn_of_retrieval(result: Retrieval, method: str, advice: str) -> None:
-    """Warns of scores that say little: of places that the method had seen, and of a traverse that finds itself."""
-    warn_of_seen_places({method: result.describer}, result.pair.route, advice)
+    """Warns of scores that are not there or say little: of places that the method had seen, of a drive's own frames."""
+    if result.why_unscored:
+        warn(f"there are no scores: {result.why_unscored}")
+    warn_of_methods({method: result.describer}, result.pair.route, result.rule, advice)
     if result.pair.warning:
         warn(result.pair.warning)
 

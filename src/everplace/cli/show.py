@@ -103,7 +103,7 @@ def translate(
 def matrix(
     route: options.RouteArgument, *, asked: RetrievalOptions, out: options.OutFile, as_json: options.Json = False
 ) -> None:
-    """Draw the similarity matrix with its truth and the best matches.
+    """Draw the similarity matrix with the best matches, and its truth unless the drives are not aligned.
 
     Example: everplace show matrix my-route --method hog --database summer --query winter --out matrix.png
     """
@@ -117,7 +117,7 @@ def matrix(
 def matches(
     route: options.RouteArgument, *, asked: RetrievalOptions, out: options.OutFile, as_json: options.Json = False
 ) -> None:
-    """Draw a gallery of right and wrong matches.
+    """Draw a gallery of right and wrong matches; of drives that are not aligned, of best matches.
 
     Example: everplace show matches my-route --method hog --database summer --query winter --out matches.png
     """

@@ -43,6 +43,8 @@ class Describer(ABC):
         metric: How two of its descriptors are compared.
         batch: Images described at once where nobody asks for another number; fewer for a large network.
         seen_stems: Stems of the frames that it was fitted on or chosen by, which are no test of it.
+        seen_images: The images of these places, told by `everplace.route.fingerprint.image_digests`; empty where that
+            was not recorded.
         checkpoint: The trained network that it describes with, as the run directory holds it.
         latent_model: The same network where it is applied, if it has a latent to audit and to decode from.
     """
@@ -53,6 +55,7 @@ class Describer(ABC):
     metric: Metric = "cosine"
     batch: int = 32
     seen_stems: frozenset[str] = frozenset()
+    seen_images: frozenset[str] = frozenset()
     checkpoint: Checkpoint | None = None
     latent_model: ConditionVAE | None = None
 

@@ -25,7 +25,7 @@ from everplace.downloads import sha256_of
 from everplace.errors import ConfigError, MethodError, MissingExtraError
 from everplace.files import readable
 from everplace.images.decoding import ImageSpec
-from everplace.model.provenance import plain_values, stems_seen
+from everplace.model.provenance import images_seen, plain_values, stems_seen
 from everplace.threads import usable_cores
 
 if TYPE_CHECKING:
@@ -55,6 +55,7 @@ class OnnxDescriber(Describer):
         self._session = _session(path)
         self._provenance = read_provenance(path, self._session.get_modelmeta().custom_metadata_map)
         self.seen_stems = stems_seen(self._provenance)
+        self.seen_images = images_seen(self._provenance)
         self._input = _checked_input(path, self._session, toml)
         self._output = _output_name(path, self._session, toml)
         self._fixed_batch = self._input.shape[0] if isinstance(self._input.shape[0], int) else None

@@ -43,6 +43,7 @@ class FabMapDescriber(Describer):
         self.image = ImageSpec(model.config.image_size, grey=True)
         self.dimension = 2 * model.config.words + 1
         self.seen_stems = model.seen_stems
+        self.seen_images = model.seen_images
 
     def settings(self) -> Settings:
         """What identifies this model: its configuration, its seed, and the hash of vocabulary and tree."""

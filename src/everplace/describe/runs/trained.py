@@ -43,6 +43,7 @@ class TrainedDescriber(Describer):
         self.image = ImageSpec((config.height, config.width), grey=config.channels == 1)
         self.dimension = config.descriptor_dimensions
         self.seen_stems = checkpoint.seen_stems
+        self.seen_images = checkpoint.seen_images
         self.checkpoint = checkpoint
         self._device = torch.device(device or default_device())
         self._model = _on(checkpoint.model, self._device)
