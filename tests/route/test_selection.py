@@ -32,12 +32,12 @@ def test_parse_frames(text: str, expected: slice) -> None:
 
 @pytest.mark.parametrize("text", ["", "5", "-3:5", "0:-1", "a:b", "1:2:3", "5:5", "9:3", ":0", "1.5:2", "1 :2", "²:3"])
 def test_nonsense_frames(text: str) -> None:
-    with pytest.raises(ConfigError, match="--frames"):
+    with pytest.raises(ConfigError, match="`frames`"):
         parse_frames(text)
 
 
 def test_a_number_longer_than_python_reads() -> None:
-    with pytest.raises(ConfigError, match="--frames holds a number of thousands of digits"):
+    with pytest.raises(ConfigError, match="`frames` holds a number of thousands of digits"):
         parse_frames("0:" + "9" * 10_000)
 
 

@@ -35,7 +35,7 @@ def test_resume_with_nothing_there_starts(tmp_path: Path, make_config: MakeConfi
 
 def test_another_run_is_not_overwritten(tmp_path: Path, make_config: MakeConfig) -> None:
     begin(tmp_path, make_config())
-    with pytest.raises(ConfigError, match=f"{tmp_path} already holds a run; add --resume"):
+    with pytest.raises(ConfigError, match=f"{tmp_path} already holds a run; add `resume=True`"):
         prepare_run(tmp_path, make_config(), resume=False)
 
 
@@ -70,7 +70,7 @@ def test_another_setting_is_named_when_resuming(
 ) -> None:
     begin(tmp_path, make_config())
     before = (tmp_path / CONFIG_FILE).read_bytes()
-    with pytest.raises(ConfigError, match=f"--resume continues a run with its own settings, but {name} was"):
+    with pytest.raises(ConfigError, match=f"`resume=True` continues a run with its own settings, but {name} was"):
         prepare_run(tmp_path, make_config(**change), resume=True)
     assert (tmp_path / CONFIG_FILE).read_bytes() == before
 

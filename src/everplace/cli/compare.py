@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import shlex
 import sys
+from dataclasses import replace
 from typing import Annotated
 
 import typer
 
 from everplace.cli import options
 from everplace.cli.option_groups import MatchingOptions, RouteOptions, TrainingOptions, TruthOptions, grouped
+from everplace.cli.option_names import with_options
 from everplace.cli.options import split_names
 from everplace.cli.output import (
     named_settings,
@@ -76,7 +78,9 @@ def compare(
     ready = fit_and_open(chosen, wanted, fit_frames, out, settings=settings, progress=progress)
     warn_of_seen_places(ready.describers, tested, "Test on others with --frames")
     comparison = compare_methods(study, ready, out, command=_command(), progress=progress)
-    for method, reason in comparison.left_out.items():
+    reasons = {method: with_options(reason) for method, reason in comparison.left_out.items()}
+    comparison = replace(comparison, left_out=reasons, manifest={**comparison.manifest, "left_out": reasons})
+    for method, reason in reasons.items():
         warn(f"{method} is left out: {reason}")
     for note in comparison.notes:
         warn(note)

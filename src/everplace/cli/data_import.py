@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from everplace.cli.option_names import with_options
 from everplace.cli.options import Json, OutDirectory
 from everplace.cli.output import require_directory, show_progress, show_result, warn
 from everplace.errors import ConfigError
@@ -43,7 +44,7 @@ def import_(
         "protocol": summary.protocol or None,
     }
     if as_json:
-        result["notes"] = list(summary.notes)
+        result["notes"] = [with_options(note) for note in summary.notes]
     else:
         for note in summary.notes:
             warn(note)

@@ -12,6 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from everplace.cli.option_names import with_options
 from everplace.errors import ConfigError, SettingError
 from everplace.files import STANDARD_OUTPUT, is_special, json_text, readable
 from everplace.progress import Progress
@@ -78,7 +79,7 @@ def provenance() -> dict[str, str]:
 
 def warn(message: str) -> None:
     """Says something on stderr that the user should know, though the work goes on."""
-    print(f"everplace: {message}", file=sys.stderr)
+    print(f"everplace: {with_options(message)}", file=sys.stderr)
 
 
 def warn_of_seen_places(describers: Mapping[str, Describer], route: Route, advice: str) -> None:

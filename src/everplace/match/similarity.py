@@ -150,7 +150,7 @@ def best_columns(S: NDArray[np.floating[Any]], k: int) -> tuple[NDArray[np.int64
 
 def _require_some(k: int) -> None:
     if k < 1:
-        raise ConfigError(f"the best {k} matches were asked for (--top); give at least 1")
+        raise ConfigError(f"the best {k} matches were asked for (`k`); give at least 1")
 
 
 def _columns_of(keys: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -57,7 +57,7 @@ class Selection:
     drop_stationary: bool = False
 
 
-def parse_frames(text: str, option: str = "--frames") -> slice:
+def parse_frames(text: str, option: str = "`frames`") -> slice:
     """Reads `A:B`; either side may be left out.
 
     Args:
@@ -250,7 +250,7 @@ def _filtered(route: Route, selection: Selection, progress: Progress) -> NDArray
             kept &= ~stationary_places(pixels, kept)
     places = np.flatnonzero(kept)
     if not len(places):
-        raise RouteError(f"all {total} places of {readable(route.root)} are dark; leave out --drop-dark")
+        raise RouteError(f"all {total} places of {readable(route.root)} are dark; leave out `drop_dark=True`")
     return places
 
 
@@ -259,7 +259,7 @@ def _sliced(route: Route, places: NDArray[np.int64], selection: Selection) -> ND
     chosen = places if selection.frames is None else places[selection.frames]
     if not len(chosen):
         raise RouteError(
-            f"--frames begins at position {selection.frames.start if selection.frames else 0}, but "
+            f"`frames` begins at position {selection.frames.start if selection.frames else 0}, but "
             f"{readable(route.root)} has only {len(places)} places left; begin lower"
         )
     return chosen

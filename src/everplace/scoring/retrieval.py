@@ -158,7 +158,7 @@ class Pair:
             return ""
         return (
             f"query and database are both {readable(self.query.name)!r}, so every frame finds itself and the scores "
-            "say nothing; give two traverses with --query and --database"
+            "say nothing; give two traverses with `query` and `database`"
         )
 
 
@@ -249,7 +249,7 @@ def true_matches(pair: Pair, truth: Truth) -> tuple[NDArray[np.bool_], Truth]:
     """
     route = pair.route
     if truth.tolerance is not None and truth.radius is not None:
-        raise ConfigError("--tolerance and --radius are two truths; give one of them")
+        raise ConfigError("`tolerance` and `radius` are two truths; give one of them")
     if truth.tolerance is None and truth.radius is None:
         if route.truth is not None:
             return route.truth.matches(pair.query, pair.database), Truth(pairs=route.truth.path.name)
@@ -261,7 +261,7 @@ def true_matches(pair: Pair, truth: Truth) -> tuple[NDArray[np.bool_], Truth]:
     if not route.stems_are_places and pair.query.name != pair.database.name:
         raise RouteError(
             f"the traverses {pair.query.name!r} and {pair.database.name!r} {route.why_not_aligned}, so nobody knows "
-            "which frames show the same place; add poses and give --radius, or find them with `everplace data align`"
+            "which frames show the same place; add poses and give `radius`, or find them with `everplace data align`"
         )
     places = route[pair.query.name].stems
     return truth_by_position(pair.query, pair.database, truth.tolerance, places), truth

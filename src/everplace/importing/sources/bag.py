@@ -104,7 +104,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         notes.append(
             f"Positions are metres east and north of latitude {origin[0]:.7f}, longitude {origin[1]:.7f}, on the plane "
             "that touches the WGS 84 ellipsoid there; import other drives of this route with "
-            f"--set origin={origin[0]!r},{origin[1]!r}."
+            f"`origin`={origin[0]!r},{origin[1]!r}."
         )
     return recorded_route(source, drives, options, notes)
 
@@ -139,9 +139,9 @@ def _choose(bag: Bag, path: Path, what: str, option: str, wanted: str, types: tu
         raise RouteError(f"{readable(path)} holds no {what} topic with messages ({', '.join(types)}); check the bag")
     chosen = [topic for topic in topics if topic.name == wanted] if wanted else topics
     if not chosen:
-        raise ConfigError(f"{readable(path)} holds no {what} topic {wanted!r}; choose one with --set {option}: {offer}")
+        raise ConfigError(f"{readable(path)} holds no {what} topic {wanted!r}; choose one with `{option}`: {offer}")
     if len(chosen) > 1:
-        raise ConfigError(f"{readable(path)} holds several {what} topics; choose one with --set {option}: {offer}")
+        raise ConfigError(f"{readable(path)} holds several {what} topics; choose one with `{option}`: {offer}")
     if len(chosen[0].types) > 1:
         raise RouteError(
             f"the topic {readable(chosen[0].name)} of {readable(path)} mixes "
@@ -209,7 +209,7 @@ def _seconds(recorded: int, message: Any, where: str, options: Options) -> float
         return recorded * 1e-9
     stamp = message.header.stamp
     if stamp.sec == 0 and stamp.nanosec == 0:
-        raise RouteError(f"{where} has no time stamp; take the times of recording with --set clock=recorded")
+        raise RouteError(f"{where} has no time stamp; take the times of recording with `clock=recorded`")
     return float(stamp.sec) + float(stamp.nanosec) * 1e-9
 
 
@@ -230,7 +230,7 @@ def _is_fixed(message: Any) -> bool:
 
 def _without_poses(topic: Topic, path: Path) -> RouteError:
     return RouteError(
-        f"the topic {topic.name} of {readable(path)} holds no position; choose another or none with --set poses"
+        f"the topic {topic.name} of {readable(path)} holds no position; choose another or none with `poses`"
     )
 
 
@@ -272,6 +272,6 @@ def _pose_values(message: Any, where: str) -> list[float]:
     if not all(map(math.isfinite, values)) or not 0.95 < math.hypot(*values[3:]) < 1.05:
         raise RouteError(
             f"{where} has a position that is not finite or a quaternion whose length is not 1; choose another topic "
-            "or none with --set poses"
+            "or none with `poses`"
         )
     return values
