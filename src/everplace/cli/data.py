@@ -13,6 +13,7 @@ from everplace.cli.data_import import import_, list_
 from everplace.cli.data_inspect import inspect
 from everplace.cli.options import AnySize, Grey, Json, OutDirectory, RouteArgument, split_names
 from everplace.cli.output import (
+    named_settings,
     require_directory,
     require_outside,
     show_progress,
@@ -48,7 +49,8 @@ def render(
         given["size"] = image_size
     if conditions:
         given["conditions"] = split_names(conditions, "--conditions")
-    config = render_config(given)
+    with named_settings(given, called={"size": "image_size"}):
+        config = render_config(given)
     render_route(out, config, progress=show_progress(), workers=usable_cores())
     show_result({"route": str(out), "traverses": list(config.conditions), "places": config.places}, as_json)
 

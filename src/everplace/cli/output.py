@@ -190,12 +190,15 @@ def _directories(route: Path) -> list[Path]:
 
 
 @contextlib.contextmanager
-def named_settings(options: Collection[str], config: Path | None = None) -> Iterator[None]:
+def named_settings(
+    options: Collection[str], config: Path | None = None, *, called: Mapping[str, str] | None = None
+) -> Iterator[None]:
     """Says of a setting that is wrong which option gives it, or else which file.
 
     Args:
         options: Settings that were given by the options of the same names.
         config: The file of the others.
+        called: The options of settings that have another name.
 
     Raises:
         ConfigError: Instead of the SettingError.
@@ -204,7 +207,8 @@ def named_settings(options: Collection[str], config: Path | None = None) -> Iter
         yield
     except SettingError as error:
         if error.setting.split(".")[0] in options:
-            raise ConfigError(f"--{error.setting.replace('_', '-')}: {error.message}") from None
+            option = (called or {}).get(error.setting, error.setting)
+            raise ConfigError(f"--{option.replace('_', '-')}: {error.message}") from None
         if config is not None:
             raise ConfigError(f"--config {readable(config)}: {error}") from None
         raise

@@ -13,6 +13,7 @@ import numpy as np
 from everplace.choices import Standardisation
 from everplace.describe.files.descriptors import Descriptors, Metric
 from everplace.errors import ConfigError
+from everplace.files import shortened
 
 __all__ = ["require_standardisable", "standardisable", "standardise"]
 
@@ -64,4 +65,4 @@ def require_standardisable(method: str, metric: Metric) -> None:
         ConfigError: They are words.
     """
     if not standardisable(metric):
-        raise ConfigError(f"`standardise` does not apply to the words of {method}; leave it out")
+        raise ConfigError(f"`standardise` does not apply to the words of {shortened(method)}; leave it out")
