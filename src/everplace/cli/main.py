@@ -20,6 +20,7 @@ from everplace.cli.describe import describe
 from everplace.cli.evaluate import evaluate
 from everplace.cli.export import export
 from everplace.cli.match import match
+from everplace.cli.methods import methods
 from everplace.cli.option_names import naming_options, with_options
 from everplace.cli.train import train
 from everplace.errors import EverplaceError
@@ -57,7 +58,7 @@ def _options(
     pass
 
 
-for _subcommand in (demo, train, describe, match, evaluate, compare, export):
+for _subcommand in (demo, train, methods, describe, match, evaluate, compare, export):
     app.command(_subcommand.__name__)(_subcommand)
 app.add_typer(show.app, name="show")
 app.add_typer(data.app, name="data")
