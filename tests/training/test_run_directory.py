@@ -11,7 +11,7 @@ from everplace import locking
 from everplace.errors import CheckpointError, ConfigError
 from everplace.training.config import CONFIG_FILE, TrainConfig
 from everplace.training.resume_state import RESUME, RunProgress, save_state
-from everplace.training.run_directory import leads, locked_run, prepare_run, require_usable
+from everplace.training.run_directory import leads, locked_run, prepare_run, require_usable, what_stands
 
 MakeConfig = Callable[..., TrainConfig]
 
@@ -171,3 +171,12 @@ def test_a_directory_where_the_run_writes_a_file_is_told_first(
     (tmp_path / name).mkdir()
     with pytest.raises(ConfigError, match=f"{name} is no file, which the run needs to write"):
         require_usable(tmp_path, make_config(), resume=True)
+
+
+def test_what_a_stopped_run_left_is_said(tmp_path: Path, make_config: MakeConfig) -> None:
+    out = tmp_path / "run"
+    assert what_stands(out) == "nothing was written; give the same command again"
+    prepare_run(out, make_config(), resume=False)
+    assert what_stands(out).startswith(f"{out} holds the settings and no epoch yet, so the same command begins anew")
+    save_state(out, RunProgress(epoch=1), None, None)
+    assert what_stands(out).startswith(f"the finished epochs stand in {out}; the same command with `resume=True` goes")

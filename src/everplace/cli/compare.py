@@ -58,20 +58,20 @@ def compare(
     """
     require_directory(out)
     require_outside(out, route)
+    chosen, wanted, selection = places.chosen(route), split_names(methods), places.selection()
     from everplace.experiments.comparison import compare_methods
     from everplace.experiments.comparison_methods import fit_and_open, require_fit_settings, select_tested
     from everplace.experiments.comparison_report import write_comparison
     from everplace.experiments.manifest import open_study, require_same_study
 
     progress = show_progress()
-    chosen, wanted = places.chosen(route), split_names(methods)
     chosen_by = {
         "conditions": places.names, "drop_dark": places.drop_dark, "drop_stationary": places.drop_stationary
     }  # fmt: skip
     settings = chosen_by | training.given()
     with named_settings(settings):
         require_fit_settings(settings)
-    tested = select_tested(chosen, wanted, places.selection(), fit_frames, progress)
+    tested = select_tested(chosen, wanted, selection, fit_frames, progress)
     split = {**chosen_by, "frames": places.frames}
     study = open_study(tested, right.truth(), how.matching(), split=split, progress=progress)
     require_same_study(out, study)

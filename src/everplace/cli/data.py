@@ -19,6 +19,7 @@ from everplace.cli.output import (
     show_progress,
     show_result,
 )
+from everplace.cli.registering import register
 
 __all__ = ["app"]
 
@@ -86,10 +87,7 @@ def pack(
 
 
 app = typer.Typer(help="Fetch, import, render, look at and pack routes.", no_args_is_help=True)
-app.command("render")(render)
-app.command("pack")(pack)
-app.command("fetch")(fetch)
-app.command("import")(import_)
-app.command("list")(list_)
-app.command("align")(align)
-app.command("inspect")(inspect)
+for _command in (render, pack, fetch, align, inspect):
+    register(app, _command)
+register(app, import_, "import")
+register(app, list_, "list")

@@ -26,9 +26,9 @@ def evaluate(
     """
     require_directory(out)
     require_outside(out, route)
+    result = asked.retrieve(route, show_progress())
     from everplace.experiments.evaluation import evaluate_retrieval, write_evaluation
 
-    result = asked.retrieve(route, show_progress())
     evaluation = evaluate_retrieval(result, asked.method, show_progress())
     warn_of_retrieval(result, asked.method, "Test on others with --frames")
     write_evaluation(evaluation, out, details=provenance())

@@ -22,6 +22,7 @@ from everplace.cli.export import export
 from everplace.cli.match import match
 from everplace.cli.methods import methods
 from everplace.cli.option_names import naming_options, with_options
+from everplace.cli.registering import register
 from everplace.cli.train import train
 from everplace.errors import EverplaceError
 
@@ -59,7 +60,7 @@ def _options(
 
 
 for _subcommand in (demo, train, methods, describe, match, evaluate, compare, export):
-    app.command(_subcommand.__name__)(_subcommand)
+    register(app, _subcommand)
 app.add_typer(show.app, name="show")
 app.add_typer(data.app, name="data")
 

@@ -20,7 +20,7 @@ from everplace.training.config import CONFIG_FILE, FitConfig, write_config
 from everplace.training.metrics_table import METRICS_FILE
 from everplace.training.resume_state import RESUME, ResumeState, has_state, load_state
 
-__all__ = ["leads", "locked_run", "prepare_run", "require_same_images", "require_usable"]
+__all__ = ["leads", "locked_run", "prepare_run", "require_same_images", "require_usable", "what_stands"]
 
 _RANKS = ("RANK", "SLURM_PROCID", "JSM_NAMESPACE_RANK", "GROUP_RANK", "NODE_RANK", "LOCAL_RANK")
 
@@ -107,6 +107,18 @@ def prepare_run(out: Path, config: FitConfig, resume: bool, processes: int = 1) 
         remove_leftovers(out, out / RESUME)
         write_config(out, config)
     return state
+
+
+def what_stands(out: Path) -> str:
+    """Says what a run that was stopped left, and how to go on."""
+    if not out.is_dir():
+        return "nothing was written; give the same command again"
+    if not (has_state(out) or has_tensors(out, CHECKPOINT_NAME)):
+        return (
+            f"{readable(out)} holds the settings and no epoch yet, so the same command begins anew, with or without "
+            "`resume=True`"
+        )
+    return f"the finished epochs stand in {readable(out)}; the same command with `resume=True` goes on from there"
 
 
 def require_same_images(state: ResumeState, images: str, out: Path, route: Path) -> None:
