@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import re
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -23,6 +25,8 @@ from everplace.render.render_config import render_config
 from everplace.render.rendered_route import render_route
 
 av = pytest.importorskip("av", reason="needs the extra video")
+
+README = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
 
 
 def grey_bag(path: Path) -> Path:
@@ -119,13 +123,15 @@ def test_frames_are_read_as_they_are_described() -> None:
 
 
 @pytest.mark.slow
-def test_three_commands_lead_from_two_videos_to_matches_with_a_probability(tmp_path: Path) -> None:
+def test_the_three_commands_of_the_readme_lead_from_two_videos_to_matches_with_a_probability(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     route = tmp_path / "route"
     render_route(route, render_config({"places": 60, "size": (64, 128), "conditions": ("summer", "winter")}))
-    # The winter drive is twice as fast on its first half.
-    driven = {"summer": [*range(60)], "winter": [*range(0, 30, 2), *range(30, 60)]}
-    for name, places in driven.items():
-        files = sorted((route / name).glob("*.png"))
+    # The second drive is twice as fast on its first half.
+    driven = {"day": [*range(60)], "night": [*range(0, 30, 2), *range(30, 60)]}
+    for (name, places), condition in zip(driven.items(), ("summer", "winter"), strict=True):
+        files = sorted((route / condition).glob("*.png"))
         with av.open(str(tmp_path / f"{name}.mp4"), "w") as container:
             stream: Any = container.add_stream("libx264", rate=10, options={"crf": "18"})
             stream.height, stream.width, stream.pix_fmt = 64, 128, "yuv420p"
@@ -133,14 +139,16 @@ def test_three_commands_lead_from_two_videos_to_matches_with_a_probability(tmp_p
                 pixels = np.asarray(Image.open(files[place]).convert("RGB"))
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
             container.mux(stream.encode())
-        assert call("describe", "hog", tmp_path / f"{name}.mp4", "--out", tmp_path / f"{name}.h5")[0] == 0
-    options = ["--standardise", "full", "--sequence", "10", "--min-probability", "0.5"]
-    files = [tmp_path / "summer.h5", tmp_path / "winter.h5"]
-    assert call("match", *files, *options, "--out", tmp_path / "matches.csv")[0] == 0
+    monkeypatch.chdir(tmp_path)
+    block = next(block for block in re.findall("```sh\n(.*?)```", README, re.DOTALL) if "day.mp4" in block)
+    commands = block.replace("\\\n", "").splitlines()
+    assert len(commands) == 3
+    for command in commands:
+        assert call(*shlex.split(command)[1:])[0] == 0
     with (tmp_path / "matches.csv").open() as table:
         matches = list(csv.DictReader(table))
-    assert len(matches) > 0.8 * len(driven["winter"])
+    assert len(matches) > 0.8 * len(driven["night"])
     assert {match["score_kind"] for match in matches} == {"log-odds"}
     assert all(float(match["score"]) >= 0 for match in matches)  # a probability of one half
-    off = [abs(int(match["database"]) - driven["winter"][int(match["query"])]) for match in matches]
+    off = [abs(int(match["database"]) - driven["night"][int(match["query"])]) for match in matches]
     assert np.mean(np.array(off) <= 1) > 0.95

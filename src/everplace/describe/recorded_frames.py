@@ -16,8 +16,8 @@ from everplace.importing.containers.ros_bag import BAG_ENDINGS, METADATA
 from everplace.importing.containers.video_frames import VIDEO_ENDINGS
 from everplace.importing.foreign_route import ForeignTraverse
 from everplace.importing.frame_pixels import decode_content
-from everplace.importing.import_route import unreadable
 from everplace.importing.kinds import open_kind, read_options
+from everplace.importing.route_writer import unreadable
 
 __all__ = ["RecordedFrames", "is_recording", "open_recording"]
 
@@ -47,8 +47,8 @@ class RecordedFrames:
             for frame in self.drive.frames:
                 names.append(frame.stem)
                 # An array as the same image in a file would be, so that importing first changes no number.
-                in_memory = isinstance(frame.content, np.ndarray)
-                yield convert_image(frame.content, spec) if in_memory else decode_content(frame, spec)
+                content = frame.content
+                yield convert_image(content, spec) if isinstance(content, np.ndarray) else decode_content(frame, spec)
         except OSError as error:
             raise unreadable(error, self.path) from error
 

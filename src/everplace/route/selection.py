@@ -7,6 +7,7 @@ look like the last one kept (stops) are left out, in all traverses at once.
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -261,5 +262,12 @@ def _sliced(route: Route, places: NDArray[np.int64], selection: Selection) -> ND
         raise RouteError(
             f"`frames` begins at position {selection.frames.start if selection.frames else 0}, but "
             f"{readable(route.root)} has only {len(places)} places left; begin lower"
+        )
+    stop = None if selection.frames is None else selection.frames.stop
+    if stop is not None and stop > len(places):
+        warnings.warn(
+            f"`frames` ends at {stop}, but {readable(route.root)} has only {len(places)} places, so {len(chosen)} "
+            "take part",
+            stacklevel=3,
         )
     return chosen
