@@ -15,6 +15,7 @@ the class's status.
     │   ├── CheckpointError         a run directory or a checkpoint
     │   └── MethodError             a method that does not exist or cannot run here
     │       └── MissingExtraError   an optional dependency is not installed
+    ├── StoppedError                Ctrl-C, where there is more to say than that, exit status 130
     └── MachineError                the machine failed, exit status 1
         ├── StorageError            disk full, no permission, quota
         ├── DownloadError           no network, or a server that does not give the file
@@ -40,6 +41,7 @@ __all__ = [
     "OtherRunError",
     "RouteError",
     "SettingError",
+    "StoppedError",
     "StorageError",
 ]
 
@@ -123,6 +125,12 @@ class MissingExtraError(MethodError):
 
     def __init__(self, what: str, extra: str) -> None:
         super().__init__(f"{what} needs an optional dependency: pip install 'everplace[{extra}]'")
+
+
+class StoppedError(EverplaceError):
+    """Ctrl-C stopped the work; the message says what stands."""
+
+    exit_status = 130
 
 
 class MachineError(EverplaceError):

@@ -52,5 +52,5 @@ def test_blocks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_another_word_is_refused() -> None:
-    with pytest.raises(ConfigError, match="--standardise center is not known; choose centre or full"):
+    with pytest.raises(ConfigError, match="the standardisation 'center' is not known; choose centre or full"):
         standardise(descriptors(np.ones((2, 2))), "center")  # type: ignore[arg-type]

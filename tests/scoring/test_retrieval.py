@@ -91,7 +91,7 @@ def test_the_truth_comes_from_the_option_then_the_route_then_one_frame(tiny_rout
 
 def test_two_truths_at_once_are_refused(tiny_route: Path) -> None:
     pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
-    with pytest.raises(ConfigError, match="--radius"):
+    with pytest.raises(ConfigError, match="`radius`"):
         true_matches(pair, MatchRule(1, 5.0))
 
 

@@ -130,7 +130,7 @@ def test_resuming_a_finished_run_returns_at_once_with_the_same_summary(
 
 def test_a_finished_run_is_not_trained_over(run: tuple[Path, TrainSummary, TrainConfig], route: Route) -> None:
     out, _, config = run
-    with pytest.raises(ConfigError, match="already holds a run; add --resume"):
+    with pytest.raises(ConfigError, match="already holds a run; add `resume=True`"):
         train(route, config, out)
 
 

@@ -139,7 +139,7 @@ def test_resuming_a_finished_fit_leaves_it_and_a_stopped_one_starts_anew(texture
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file() and path.name != "config.toml"}
     fit_fabmap(textured, config(), out, resume=True)
     assert {path: path.stat().st_mtime_ns for path in before} == before
-    with pytest.raises(ConfigError, match="already holds a run; add --resume"):
+    with pytest.raises(ConfigError, match="already holds a run; add `resume=True`"):
         fit_fabmap(textured, config(), out)
     with pytest.raises(ConfigError, match="words was 60 and is now 61"):
         fit_fabmap(textured, config(words=61), out, resume=True)
@@ -191,10 +191,10 @@ def test_the_vocabulary_is_of_all_conditions_even_if_there_are_more_frames_than_
         ({"new_place": "mean"}, "new_place: .*'mean-field' or 'sampled'"),
         ({"image_size": (0, 5)}, "image_size"),
         ({"seed": -1}, "seed: "),
-        ({"epochs": 3}, "--epochs does not apply to fabmap"),
-        ({"minutes": 3}, "--minutes does not apply to fabmap"),
-        ({"grey": True}, "--grey does not apply to fabmap"),
-        ({"recipe": "faithful"}, "--recipe does not apply to fabmap"),
+        ({"epochs": 3}, "`epochs` does not apply to fabmap"),
+        ({"minutes": 3}, "`minutes` does not apply to fabmap"),
+        ({"grey": True}, "`grey` does not apply to fabmap"),
+        ({"recipe": "faithful"}, "`recipe` does not apply to fabmap"),
     ],
 )
 def test_a_wrong_value_is_named(values: dict[str, Any], message: str) -> None:
@@ -205,6 +205,6 @@ def test_a_wrong_value_is_named(values: dict[str, Any], message: str) -> None:
 def test_networks_get_a_length_and_fabmap_one_process(textured: Route, tmp_path: Path) -> None:
     assert FITTED_METHODS == ("vae", "c-vae", "cp-vae", "cae", "fabmap")
     assert build_config(model="cae").model_dump()["epochs"] == 40
-    with pytest.raises(ConfigError, match="--devices and --nodes do not apply to fabmap"):
+    with pytest.raises(ConfigError, match="`devices` and `nodes` do not apply to fabmap"):
         fit_method(textured, config(), tmp_path / "run", devices=2)
     assert not (tmp_path / "run").exists()

@@ -28,10 +28,10 @@ def evaluate(
     """
     require_directory(out)
     require_outside(out, route)
+    result = asked.retrieve(route, show_progress())
     from everplace.experiments.evaluation import evaluate_retrieval
     from everplace.experiments.evaluation_report import write_evaluation
 
-    result = asked.retrieve(route, show_progress())
     evaluation = evaluate_retrieval(result, asked.method, show_progress())
     warn_of_retrieval(result, asked.method, "Test on others with --frames")
     write_evaluation(evaluation, out, details=provenance())

@@ -11,9 +11,32 @@ from everplace.choices import SequenceMethod, Standardisation
 from everplace.errors import ConfigError
 
 __all__ = [
-    "AnySize", "Conditions", "Database", "DropDark", "DropStationary", "Epochs", "Frames", "Grey", "ImageSize", "Json",
-    "Method", "Minutes", "OutDirectory", "OutFile", "Query", "Radius", "RouteArgument", "Seed", "Sequence",
-    "SequenceSearch", "Standardise", "Tolerance", "only_given", "split_names",
+    "AnySize",
+    "Conditions",
+    "Database",
+    "DropDark",
+    "DropStationary",
+    "Epochs",
+    "Frames",
+    "Grey",
+    "ImageSize",
+    "Json",
+    "Method",
+    "Minutes",
+    "OutDirectory",
+    "OutFile",
+    "Query",
+    "Radius",
+    "RouteArgument",
+    "Seed",
+    "Sequence",
+    "SequenceSearch",
+    "SourceOptions",
+    "Standardise",
+    "Tolerance",
+    "given_pairs",
+    "only_given",
+    "split_names",
 ]  # fmt: skip
 
 RouteArgument = Annotated[Path, typer.Argument(metavar="ROUTE", help="Directory with one sub-directory a traverse.")]
@@ -68,6 +91,28 @@ SequenceSearch = Annotated[
         "seqslam wants an even speed, mean the map's own.",
     ),
 ]
+
+SourceOptions = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="An option of the kind; may be given several times."),
+]
+
+
+def given_pairs(given: list[str] | None) -> dict[str, str]:
+    """Reads what `--set` gave, `NAME=VALUE` each.
+
+    Raises:
+        ConfigError: There is no `=`, or a name comes twice.
+    """
+    pairs: dict[str, str] = {}
+    for text in given or []:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ConfigError(f"--set {text!r} is not NAME=VALUE; write it like --set size=64x32")
+        if name in pairs:
+            raise ConfigError(f"--set {name} is given twice; keep one (a list's items are separated by commas)")
+        pairs[name] = value
+    return pairs
 
 
 def split_names(text: str, option: str = "") -> tuple[str, ...]:

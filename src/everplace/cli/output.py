@@ -12,6 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from everplace.cli.option_names import with_options
 from everplace.errors import ConfigError, SettingError
 from everplace.files import STANDARD_OUTPUT, is_special, json_text, readable
 from everplace.progress import Progress
@@ -78,7 +79,7 @@ def provenance() -> dict[str, str]:
 
 def warn(message: str) -> None:
     """Says something on stderr that the user should know, though the work goes on."""
-    print(f"everplace: {message}", file=sys.stderr)
+    print(f"everplace: {with_options(message)}", file=sys.stderr)
 
 
 def warn_of_methods(describers: Mapping[str, Describer], route: Route, rule: MatchRule | None, advice: str) -> None:
@@ -200,12 +201,15 @@ def _directories(route: Path) -> list[Path]:
 
 
 @contextlib.contextmanager
-def named_settings(options: Collection[str], config: Path | None = None) -> Iterator[None]:
+def named_settings(
+    options: Collection[str], config: Path | None = None, *, called: Mapping[str, str] | None = None
+) -> Iterator[None]:
     """Says of a setting that is wrong which option gives it, or else which file.
 
     Args:
         options: Settings that were given by the options of the same names.
         config: The file of the others.
+        called: The options of settings that have another name.
 
     Raises:
         ConfigError: Instead of the SettingError.
@@ -214,7 +218,8 @@ def named_settings(options: Collection[str], config: Path | None = None) -> Iter
         yield
     except SettingError as error:
         if error.setting.split(".")[0] in options:
-            raise ConfigError(f"--{error.setting.replace('_', '-')}: {error.message}") from None
+            option = (called or {}).get(error.setting, error.setting)
+            raise ConfigError(f"--{option.replace('_', '-')}: {error.message}") from None
         if config is not None:
             raise ConfigError(f"--config {readable(config)}: {error}") from None
         raise

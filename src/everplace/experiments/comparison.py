@@ -291,7 +291,7 @@ def _told(describer: Describer) -> dict[str, str | int | float | bool]:
 def _suited(describers: dict[str, Describer], matching: Matching) -> tuple[dict[str, Describer], dict[str, str]]:
     """The methods to which the options of the match apply, and those left out, with the reason."""
     unsuited = {
-        label: f"--standardise {matching.standardise} does not apply to the words of {describer.method}"
+        label: f"`standardise` {matching.standardise} does not apply to the words of {describer.method}"
         for label, describer in describers.items()
         if matching.standardise is not None and not standardisable(describer.metric)
     }

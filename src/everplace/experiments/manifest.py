@@ -140,13 +140,13 @@ def require_same_study(out: Path, study: Study) -> None:
         known = {name: value for name, value in before.items() if name not in _NOT_OF_THE_STUDY}
     except (OSError, ValueError, AttributeError, RecursionError):
         raise ConfigError(
-            f"{readable(path)} was not written by `everplace compare`, or was altered; name another --out, or remove it"
+            f"{readable(path)} was not written by `everplace compare`, or was altered; name another `out`, or remove it"
         ) from None
     if different := _differences(known, study.document):
         name, old, new = different[0]
         raise ConfigError(
             f"{readable(out)} holds a comparison with other settings ({name} was {_short(old)} and is now "
-            f"{_short(new)}); name another --out, or remove it"
+            f"{_short(new)}); name another `out`, or remove it"
         )
 
 

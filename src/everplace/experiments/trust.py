@@ -42,7 +42,7 @@ def circular_sentence(label: str, describer: Describer, route: Route, rule: Matc
         return ""
     return (
         f"The drives were aligned by {route.aligned_by}, and {label} looks at images as that did: its scores say how "
-        "well it agrees with the alignment, not how well it recognises. Test it by poses (--radius) or by pairs set by "
+        "well it agrees with the alignment, not how well it recognises. Test it by poses (`radius`) or by pairs set by "
         "hand."
     )
 

@@ -125,7 +125,7 @@ def recorded_route(
     """
     if options.conditions and len(options.conditions) != len(drives):
         raise ConfigError(
-            f"--set conditions names {len(options.conditions)} conditions, but {readable(source)} holds {len(drives)} "
+            f"`conditions` names {len(options.conditions)} conditions, but {readable(source)} holds {len(drives)} "
             f"drives: {', '.join(readable(drive.name) for drive in drives)}; name one for each, in this order"
         )
     conditions = options.conditions or tuple("" for _ in drives)
@@ -138,7 +138,7 @@ def recorded_route(
     if numbered:
         said.append(
             "The frames of each drive are numbered from 000000 on, and the same number counts as the same place; for "
-            "drives that are not in step, import with --set stems=own and align them."
+            "drives that are not in step, import with `stems=own` and align them."
         )
     return ForeignRoute(
         traverses=(
@@ -193,7 +193,7 @@ def _kept_frames(drive: Drive, options: RecordingOptions, notes: list[str]) -> I
     if lost and not kept:
         raise RouteError(
             f"no frame of {readable(drive.name)} has a position, since the receiver had no fix near any of them; "
-            "import without positions, --set poses=none"
+            "import without positions, `poses=none`"
         )
     if lost:
         notes.append(

@@ -133,18 +133,18 @@ class Matches:
         if self.kind == "log-probability":
             return np.asarray(np.exp(scores))
         raise ConfigError(
-            f"--min-probability does not apply: the scores ({self.kind}) are no probabilities; add --sequence L with "
+            f"`min_probability` does not apply: the scores ({self.kind}) are no probabilities; add `sequence` L with "
             "the filter, or describe both with a run of fabmap"
         )
 
-    def accepted(self, least: float | None = None) -> NDArray[np.bool_]:
+    def accepted(self, min_probability: float | None = None) -> NDArray[np.bool_]:
         """M×K: the matches that exist, and of at least this probability.
 
         Raises:
             ConfigError: A probability is asked for, but the scores are none.
         """
         exist = self.scores > -np.inf
-        return exist if least is None else exist & (self.probability() >= least)
+        return exist if min_probability is None else exist & (self.probability() >= min_probability)
 
 
 def find_matches(
@@ -166,9 +166,9 @@ def find_matches(
     kind = matching.score_kind(query.metric)
     if exclude is not None:
         if exclude < 1:
-            raise ConfigError(f"--exclude {exclude} is not possible; give a number of frames of at least 1")
+            raise ConfigError(f"`exclude` {exclude} is not possible; give a number of frames of at least 1")
         if query.names != database.names:
-            raise ConfigError("--exclude is for one and the same drive, but the two name other frames; leave it out")
+            raise ConfigError("`exclude` is for one and the same drive, but the two name other frames; leave it out")
     if matching.sequence > 1:
         S = similarity(*_standardised(query, database, matching))
         _exclude(S, 0, exclude, np.nan)

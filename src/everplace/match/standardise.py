@@ -13,6 +13,7 @@ import numpy as np
 from everplace.choices import Standardisation
 from everplace.describe.files.descriptors import Descriptors, Metric
 from everplace.errors import ConfigError
+from everplace.files import shortened
 
 __all__ = ["require_standardisable", "standardisable", "standardise"]
 
@@ -36,7 +37,7 @@ def standardise(descriptors: Descriptors, how: Standardisation) -> Descriptors:
         ConfigError: `how` is something else, or the descriptors are words.
     """
     if how not in ("centre", "full"):
-        raise ConfigError(f"--standardise {how} is not known; choose centre or full")
+        raise ConfigError(f"the standardisation {how!r} is not known; choose centre or full")
     require_standardisable(descriptors.method, descriptors.metric)
     # In double precision the mean of N equal float32 is exact, so a dimension that does not vary is seen.
     mean = descriptors.values.mean(axis=0, dtype=np.float64)
@@ -64,4 +65,4 @@ def require_standardisable(method: str, metric: Metric) -> None:
         ConfigError: They are words.
     """
     if not standardisable(metric):
-        raise ConfigError(f"--standardise does not apply to the words of {method}; leave it out")
+        raise ConfigError(f"`standardise` does not apply to the words of {shortened(method)}; leave it out")

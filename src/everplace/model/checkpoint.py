@@ -82,7 +82,7 @@ def load_checkpoint(run: str | Path) -> Checkpoint:
     """
     run = Path(run)
     if not run.is_dir():
-        raise CheckpointError(f"{readable(run)} is not a run directory; give the --out of everplace train")
+        raise CheckpointError(f"{readable(run)} is not a run directory; give one that everplace train wrote")
     tensors, document = load_tensors(run, CHECKPOINT_NAME, _FORMAT)
     try:
         config = ModelConfig.model_validate(document.get("model"))

@@ -229,7 +229,7 @@ def truth_by_pose(query: Traverse, database: Traverse, radius: float) -> NDArray
     from scipy.spatial import KDTree
 
     if not (np.isfinite(radius) and radius > 0):
-        raise ConfigError(f"--radius {radius} is not a positive number of metres; give one")
+        raise ConfigError(f"`radius` {radius} is not a positive number of metres; give one")
     neighbours = KDTree(_positions(database)).query_ball_point(_positions(query), radius)
     truth = np.zeros((len(query), len(database)), dtype=np.bool_)
     for row, columns in enumerate(neighbours):

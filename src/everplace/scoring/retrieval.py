@@ -173,7 +173,7 @@ class Pair:
             return ""
         return (
             f"query and database are both {readable(self.query.name)!r}, so every frame finds itself and the scores "
-            "say nothing; give two traverses with --query and --database"
+            "say nothing; give two traverses with `query` and `database`"
         )
 
 
@@ -274,7 +274,7 @@ def true_matches(pair: Pair, truth: MatchRule) -> tuple[NDArray[np.bool_], Match
     """
     route = pair.route
     if truth.tolerance is not None and truth.radius is not None:
-        raise ConfigError("--tolerance and --radius are two truths; give one of them")
+        raise ConfigError("`tolerance` and `radius` are two truths; give one of them")
     if truth.tolerance is not None and truth.tolerance < 0:  # a mistake, whatever the traverses are
         raise ConfigError(f"tolerance {truth.tolerance} is negative; give 0 or a number of frames")
     if truth.tolerance is None and truth.radius is None:
@@ -288,7 +288,7 @@ def true_matches(pair: Pair, truth: MatchRule) -> tuple[NDArray[np.bool_], Match
     if not route.stems_are_places and pair.query.name != pair.database.name:
         raise NotAlignedError(
             f"the traverses {pair.query.name!r} and {pair.database.name!r} {route.why_not_aligned}, so nobody knows "
-            "which frames show the same place; add poses and give --radius, or find them with `everplace data align`"
+            "which frames show the same place; add poses and give `radius`, or find them with `everplace data align`"
         )
     places = route[pair.query.name].stems
     return truth_by_position(pair.query, pair.database, truth.tolerance, places), truth

@@ -100,10 +100,10 @@ def test_one_image_topic_must_be_chosen(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "drive.bag", [image(1.0, "/left"), image(1.0, "/right"), image(2.0, "/right")])
     with pytest.raises(
         ConfigError,
-        match=r"several image topics; choose one with --set topic: /left \(sensor_msgs/msg/Image\), /right \(",
+        match=r"several image topics; choose one with `topic`: /left \(sensor_msgs/msg/Image\), /right \(",
     ):
         import_route("bag", path, tmp_path / "out")
-    with pytest.raises(ConfigError, match=r"no image topic '/front'; choose one with --set topic: /left"):
+    with pytest.raises(ConfigError, match=r"no image topic '/front'; choose one with `topic`: /left"):
         import_route("bag", path, tmp_path / "out", {"topic": "/front"})
     assert import_route("bag", path, tmp_path / "out", {"topic": "/right"}).frames == 2
 
@@ -150,7 +150,7 @@ def test_poses_of_the_camera_itself(tmp_path: Path) -> None:
     ahead = (0.5, -0.5, 0.5, -0.5)
     rows = [(("/pose"), POSE, 1.0, (3.0, 4.0, ahead)), image(1.0), ("/gps", FIX, 1.0, (0, 1.0, 1.0))]
     path = write_bag(tmp_path / "drive", rows)
-    with pytest.raises(ConfigError, match=r"several pose topics; choose one with --set poses: /gps .*, /pose "):
+    with pytest.raises(ConfigError, match=r"several pose topics; choose one with `poses`: /gps .*, /pose "):
         import_route("bag", path, tmp_path / "out")
     import_route("bag", path, tmp_path / "z", {"poses": "/pose", "ahead": "z"})
     (traverse,) = open_route(tmp_path / "z").traverses
@@ -165,7 +165,7 @@ def test_poses_of_the_camera_itself(tmp_path: Path) -> None:
 
 def test_times_of_recording_where_stamps_are_empty(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "drive.bag", [image(0.0), image(0.0), image(0.0)])
-    with pytest.raises(RouteError, match=r"message 0 of /camera .* has no time stamp; .* --set clock=recorded"):
+    with pytest.raises(RouteError, match=r"message 0 of /camera .* has no time stamp; .* `clock=recorded`"):
         import_route("bag", path, tmp_path / "out")
     import_route("bag", path, tmp_path / "out", {"clock": "recorded", "every_seconds": "2"})
     (traverse,) = open_route(tmp_path / "out").traverses

@@ -137,7 +137,7 @@ def test_a_video_that_breaks_off(tmp_path: Path, ending: str) -> None:
     else:
         del data[len(data) // 2 :]
     path.write_bytes(data)
-    with pytest.raises(RouteError, match=rf"winter{ending} .* after \d+ frames, at [0-4]\.\d\d s.*--set damaged=keep"):
+    with pytest.raises(RouteError, match=rf"winter{ending} .* after \d+ frames, at [0-4]\.\d\d s.*`damaged=keep`"):
         import_route("video", path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
     summary = import_route("video", path, tmp_path / "out", {"damaged": "keep"})

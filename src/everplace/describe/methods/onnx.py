@@ -33,6 +33,16 @@ if TYPE_CHECKING:
 
 __all__ = ["OnnxDescriber", "open_method"]
 
+NOTES = (
+    (
+        "onnx:FILE.onnx",
+        "any descriptor network in an ONNX file, such as everplace export writes; of MixVPR, which torch.hub cannot "
+        "load, export one yourself",
+        "pip install 'everplace[onnx]', and FILE.toml beside the network",
+        None,
+    ),
+)
+
 _INPUT_TYPES: dict[str, type[np.generic]] = {
     "tensor(uint8)": np.uint8,
     "tensor(float)": np.float32,

@@ -23,6 +23,10 @@ from everplace.images.decoding import ImageSpec
 
 __all__ = ["FabMapDescriber", "open_method"]
 
+NOTES = (
+    ("RUN of fabmap", "FAB-MAP's visual words (SIFT), with the probability of a new place", "everplace train", 3001),
+)
+
 
 class FabMapDescriber(Describer):
     """Describes with a fitted FAB-MAP.
