@@ -319,3 +319,27 @@ def test_the_audit_looks_at_shared_places_where_the_scores_do_not_need_them(tiny
     assert evaluated.audit is not None
     write_evaluation(evaluated, tmp_path / "out", details={})
     assert (tmp_path / "out" / "swap.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("frames", "asking", "stems"),
+    [(None, slice(4, None), range(4, 12)), (None, slice(None, 2), range(2)), (slice(3, 9), slice(5, 20), range(5, 9))],
+)
+def test_some_places_ask_and_the_map_keeps_all(
+    tiny_route: Path, frames: slice | None, asking: slice, stems: range
+) -> None:
+    result = retrieve(
+        open_route(tiny_route), "winter", "summer", "hog", selection=Selection(frames), query_frames=asking
+    )
+    assert [int(stem) for stem in result.query.stems] == list(stems)
+    assert len(result.database) == (12 if frames is None else 6)
+    assert result.truth is not None
+    assert result.truth.any(axis=1).all()
+
+
+@pytest.mark.parametrize("asking", [slice(12, None), slice(0, 3)])
+def test_places_that_ask_must_be_there(tiny_route: Path, asking: slice) -> None:
+    with pytest.raises(RouteError, match="`query_frames`"):
+        retrieve(
+            open_route(tiny_route), "winter", "summer", "hog", selection=Selection(slice(3, None)), query_frames=asking
+        )

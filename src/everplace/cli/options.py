@@ -26,6 +26,7 @@ __all__ = [
     "OutDirectory",
     "OutFile",
     "Query",
+    "QueryFrames",
     "Radius",
     "RouteArgument",
     "Seed",
@@ -62,6 +63,10 @@ ImageSize = Annotated[
 AnySize = Annotated[
     tuple[int, int] | None, typer.Option("--image-size", metavar="H W", help="Height and width in pixels.")
 ]
+QueryFrames = Annotated[
+    str,
+    typer.Option("--query-frames", metavar="A:B", help="Of the places those that ask; all of them are the map [all]."),
+]
 Grey = Annotated[bool, typer.Option("--grey", help="Use grey images.")]
 Epochs = Annotated[int | None, typer.Option("--epochs", min=1, help="Passes over the training frames.")]
 Minutes = Annotated[float | None, typer.Option("--minutes", help="Stop after so many minutes of training.")]
@@ -78,7 +83,10 @@ Radius = Annotated[
 ]
 Standardise = Annotated[
     Standardisation | None,
-    typer.Option("--standardise", help="Subtract each traverse's mean (full: and divide by its spread)."),
+    typer.Option(
+        "--standardise",
+        help="Subtract each traverse's mean (full: and divide by its spread; running: the mean so far).",
+    ),
 ]
 Sequence = Annotated[
     int, typer.Option("--sequence", min=1, metavar="L", help="Score places by the last L frames, not by one.")

@@ -31,7 +31,8 @@ class Matching:
     """Options of the match; each is named wherever a result of it is.
 
     Attributes:
-        standardise: Subtract each traverse's mean descriptor (`centre`), also divide by its spread (`full`).
+        standardise: Subtract each traverse's mean descriptor (`centre`), also divide by its spread (`full`), or
+            subtract the mean of the frames so far (`running`), as a robot can that is still under way.
         sequence: Number of last frames that score each place; 1: frame by frame.
         sequence_method: How, see `everplace.sequences.sequence_search`.
     """
@@ -212,4 +213,5 @@ def _on_map(log_odds: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
 def _standardised(query: Descriptors, database: Descriptors, matching: Matching) -> tuple[Descriptors, Descriptors]:
     if matching.standardise is None:
         return query, database
-    return standardise(query, matching.standardise), standardise(database, matching.standardise)
+    start = database.values.mean(axis=0, dtype=np.float64)
+    return standardise(query, matching.standardise, start=start), standardise(database, matching.standardise)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Descriptors
 from everplace.describe.registry import open_describer
-from everplace.errors import ConfigError, NotAlignedError
+from everplace.errors import ConfigError, NotAlignedError, RouteError
 from everplace.files import readable
 from everplace.match.matching import Matching, compare_descriptors
 from everplace.match.new_place import new_place_summary
@@ -40,6 +40,7 @@ def retrieve(
     radius: float | None = None,
     selection: Selection | None = None,
     matching: Matching | None = None,
+    query_frames: slice | None = None,
     progress: Progress = quiet,
 ) -> Retrieval:
     """Looks for the frames of one traverse among those of another, and scores what is found.
@@ -56,6 +57,7 @@ def retrieve(
         radius: Metres by which a match may be off, where poses are known.
         selection: Which places take part; None: all.
         matching: How descriptors are compared; None: as they are, frame by frame.
+        query_frames: Places that ask, by position as in `selection.frames`; the map keeps all. None: all ask.
         progress: Told of downloads and of the describing.
 
     Raises:
@@ -67,7 +69,10 @@ def retrieve(
     """
     matching = matching or Matching()
     describer = _opened(method, matching, progress)
-    pair = choose_pair(route, query, database, selection or Selection(), progress)
+    selection = selection or Selection()
+    pair = choose_pair(route, query, database, selection, progress)
+    if query_frames is not None:
+        pair = replace(pair, query=_asking(pair.query, query_frames, selection))
     return retrieve_pair(pair, describer, MatchRule(tolerance, radius), matching, progress=progress)
 
 
@@ -119,6 +124,18 @@ def retrieve_pair(
         why_unscored=why_unscored,
         frame_by_frame=frame_by_frame,
     )
+
+
+def _asking(query: Traverse, frames: slice, selection: Selection) -> Traverse:
+    """The frames of the query at these positions of the list of places, of which `selection.frames` is a part."""
+    first = 0 if selection.frames is None else selection.frames.start or 0
+    asking = query[max((frames.start or 0) - first, 0) : None if frames.stop is None else max(frames.stop - first, 0)]
+    if not len(asking):
+        raise RouteError(
+            f"`query_frames` leaves no frame of {readable(query.name)}, which has the places {first} to "
+            f"{first + len(query) - 1}; choose among these"
+        )
+    return asking
 
 
 def _opened(method: str | os.PathLike[str] | Describer, matching: Matching, progress: Progress) -> Describer:

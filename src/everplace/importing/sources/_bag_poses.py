@@ -92,9 +92,7 @@ def read_track(
             values.append([message.latitude, message.longitude] if message_type == FIX else _pose_of(message, where))
             seconds.append(stamp_of(recorded, message, where, clock))
     if not values:
-        raise RouteError(
-            f"the topic {topic.name} of {label} holds no position; choose another or none with `poses`"
-        )
+        raise RouteError(f"the topic {topic.name} of {label} holds no position; choose another or none with `poses`")
     name = f"the topic {topic.name} of {label}"
     table = np.array(values, dtype=np.float64)
     if message_type == FIX:
