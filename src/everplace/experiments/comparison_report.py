@@ -34,7 +34,7 @@ from everplace.scoring.retrieval import pair_of
 __all__ = ["write_comparison"]
 
 
-_FEW_PAIRS = 6
+_FEW_PAIRS = 2
 """With more, a pair shows the pictures of its best method alone, fewer matches, at the page's own resolution."""
 
 _MOST_COLUMNS = 8
