@@ -80,10 +80,9 @@ def train(
     from everplace.route.route import open_route
     from everplace.training.select_route import require_places
 
-    opened = open_route(route)
     if config is None:
-        require_places(opened.choose(places.names) if places.names else opened, model)
         places.selection()
+        require_places(places.chosen(route), model)
     from everplace.settings import read_toml
     from everplace.training.fitted_methods import FITTED_METHODS, build_config, fit_method
 
@@ -104,7 +103,7 @@ def train(
 
     try:
         summary = fit_method(
-            opened,
+            open_route(route),
             checked,
             out,
             resume=resume,
