@@ -104,7 +104,7 @@ def warn_of_retrieval(result: Retrieval, method: str, advice: str) -> None:
     """Warns of scores that are not there or say little: of places that the method had seen, of a drive's own frames."""
     if result.why_unscored:
         warn(f"there are no scores: {result.why_unscored}")
-    warn_of_methods({method: result.describer}, result.pair.route, result.rule, advice)
+    warn_of_methods({method: result.describer}, result.pair.tested, result.rule, advice)
     if result.pair.warning:
         warn(result.pair.warning)
 

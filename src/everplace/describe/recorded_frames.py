@@ -85,4 +85,4 @@ def open_recording(path: Path, options: Mapping[str, str] | None = None) -> Reco
         drive = next(route.traverses)
     except OSError as error:
         raise unreadable(error, path) from error
-    return RecordedFrames(path, drive, route.notes)
+    return RecordedFrames(path, drive, tuple(route.notes))

@@ -125,7 +125,7 @@ def evaluate_retrieval(result: Retrieval, source: str, progress: Progress = quie
         result=result,
         audit=audit_pair(describer, route, result.rule, progress),
         image_time=time_describer(describer, result.query.paths),
-        trained_places=seen_places(describer, route),
+        trained_places=seen_places(describer, result.pair.tested),
         source=source,
     )
 

@@ -56,7 +56,7 @@ def _akin(describer: Describer, aligned_by: str) -> bool:
 
 def _kinds(method: str) -> set[str]:
     """The methods that are joined in one, without the number of a variant; addresses (hub:, onnx:) are whole."""
-    return {one if ":" in one else one.rstrip("0123456789") for one in method.split("+")}
+    return {one if ":" in one else one.rstrip("0123456789") for one in method.removeprefix("adapted ").split("+")}
 
 
 def seen_places(describer: Describer, route: Route) -> int:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from everplace.adaptation.discriminant import Projection
 from everplace.adaptation.drive_statistics import DriveStatistics, half_differences
 from everplace.adaptation.moments import Moments
 from everplace.adaptation.place_weights import pair_weights, place_weights
@@ -18,6 +19,7 @@ from everplace.adaptation.prior import Prior, load_prior, require_fitting, save_
 from everplace.adaptation.route_adaptation import PRIOR_WEIGHT, adapted_projection, fitting_prior_weight, within_places
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Descriptors
+from everplace.describe.reduced import ReducedDescriber, reduced
 from everplace.describe.registry import open_describer
 from everplace.describe.runs.adapted import AdaptedDescriber, write_adapted
 from everplace.errors import ConfigError, RouteError
@@ -27,6 +29,7 @@ from everplace.mapping.described_drive import light_moments as moments_of_images
 from everplace.mapping.self_teaching import SurePairs, sure_pairs
 from everplace.match.standardise import require_standardisable
 from everplace.progress import Progress, quiet, shown
+from everplace.route.fingerprint import image_digests
 from everplace.route.route import Route
 from everplace.route.selection import Selection, select, spread
 from everplace.route.traverse import Traverse
@@ -138,7 +141,8 @@ def adapt(
         raise ConfigError(f"`dimensions` {dimensions} is not possible; give at least 1")
     if out is not None:
         require_free_directory(Path(out))
-    describer = open_describer(method, progress=progress)
+    whole = open_describer(method, progress=progress)
+    describer = reduced(whole)
     require_standardisable(describer.method, describer.metric)
     known, origin = _chosen_prior(prior, describer)
     chosen = select(route, selection or Selection(), progress)
@@ -187,14 +191,18 @@ def adapt(
         "pairs": sum(len(found.frames) for found in pairs),
     }
     seen = frozenset(stem for drive, found in zip(taught, pairs, strict=True) for stem in _stems(drive, found))
-    result = AdaptedDescriber(describer, projection, settings, seen)
+    if isinstance(describer, ReducedDescriber):  # one map instead of two
+        projection = Projection(projection.weight @ describer.matrix, projection.bias)
+    images = [drive.take(found.frames) for drive, found in zip(taught, pairs, strict=True)]
+    digests = frozenset(digest for part in images for digest in image_digests(part, progress))
+    result = AdaptedDescriber(whole, projection, settings, seen, digests)
     if save_prior_to is not None:
         within = within_places(learn.statistics(pairs)[0], None, 0.0)
         save_prior(Path(save_prior_to), Prior.of(within, describer.method, describer.settings()))
     adaptation = Adaptation(result, map_drive, drives, dimensions, origin, weight, settings)
     if out is not None:
         with whole_directory(Path(out)) as directory:
-            write_adapted(directory, os.fspath(method), projection, settings, seen, describer.dimension)
+            write_adapted(directory, os.fspath(method), result, settings)
     return adaptation
 
 

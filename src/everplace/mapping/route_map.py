@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from everplace.adaptation.discriminant import Projection
 from everplace.adaptation.prior import Prior, shipped_prior
 from everplace.describe.describer import Describer
+from everplace.describe.reduced import reduced
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MapError
 from everplace.files import readable
@@ -131,7 +132,7 @@ class Map:
                     f"a map stands at {readable(address)} already; add the drive with `everplace map add`, or name "
                     "another place"
                 )
-            describer = open_describer(method or default_method(), progress=progress)
+            describer = reduced(open_describer(method or default_method(), progress=progress))
             require_standardisable(describer.method, describer.metric)
             drive_frames = open_drive(drive)
             name = name or drive_frames.name
@@ -213,7 +214,7 @@ class Map:
             MapError: It gives other numbers here than those in the map.
         """
         if self._describer is None:
-            describer = open_describer(self.method)
+            describer = reduced(open_describer(self.method))
             if dict(describer.settings()) != dict(self.document["settings"]):
                 raise MapError(
                     f"the map {readable(self.address)} was made with {self.method} of other settings than it has here "

@@ -184,6 +184,18 @@ class Pair:
     database: Traverse
 
     @property
+    def tested(self) -> Route:
+        """The route of the places that ask: what a method may not know from before."""
+        if not self.route.matched_by_stem:
+            return self.route
+        asked = frozenset(self.query.stems)
+        traverses = []
+        for traverse in self.route.traverses:
+            kept = [index for index, stem in enumerate(traverse.stems) if stem in asked]
+            traverses.append(self.query if traverse.name == self.query.name else traverse.take(kept))
+        return replace(self.route, traverses=tuple(traverses))
+
+    @property
     def warning(self) -> str:
         """What must be said where both sides are the same frames, so that the scores mean nothing; else empty."""
         if self.query.paths != self.database.paths:

@@ -38,6 +38,7 @@ class AdaptedDescriber(Describer):
         projection: Projection,
         settings: Settings,
         seen_stems: frozenset[str] = frozenset(),
+        seen_images: frozenset[str] = frozenset(),
     ) -> None:
         """Joins the two.
 
@@ -46,6 +47,7 @@ class AdaptedDescriber(Describer):
             projection: (D, F).
             settings: What identifies the map, beside the base's settings.
             seen_stems: Frames of other drives that it was learnt from.
+            seen_images: The same, by their content.
         """
         self.base = base
         self.projection = projection
@@ -54,6 +56,7 @@ class AdaptedDescriber(Describer):
         self.batch = base.batch
         self.dimension = len(projection.bias)
         self.seen_stems = seen_stems | base.seen_stems
+        self.seen_images = seen_images | base.seen_images
         self._settings = settings
         self._weight = np.ascontiguousarray(projection.weight.T, np.float32)
         self._bias = projection.bias.astype(np.float32)
@@ -71,23 +74,14 @@ class AdaptedDescriber(Describer):
         return features @ self._weight + self._bias
 
 
-def write_adapted(
-    out: Path,
-    method: str,
-    projection: Projection,
-    settings: Settings,
-    seen_stems: frozenset[str],
-    features: int,
-) -> None:
+def write_adapted(out: Path, method: str, adapted: AdaptedDescriber, settings: Settings) -> None:
     """Writes an adapted descriptor as a run directory.
 
     Args:
         out: The directory, which exists.
         method: What was adapted; of a run directory the run is copied.
-        projection: The map.
+        adapted: The result.
         settings: What it was made with.
-        seen_stems: Frames of other drives that it was learnt from.
-        features: F, which the method must give.
 
     Raises:
         StorageError: Writing failed.
@@ -96,11 +90,14 @@ def write_adapted(
         shutil.copytree(method, out / _BASE, ignore=shutil.ignore_patterns("resume", ".lock", "tensorboard"))
         method = ""
     tensors = {
-        "weight": torch.from_numpy(projection.weight.astype(np.float32)),
-        "bias": torch.from_numpy(projection.bias.astype(np.float32)),
+        "weight": torch.from_numpy(adapted.projection.weight.astype(np.float32)),
+        "bias": torch.from_numpy(adapted.projection.bias.astype(np.float32)),
     }
-    about = {"format": _FORMAT, "model": {"kind": "adapted"}, "method": method, "features": features}
-    save_tensors(out, _NAME, tensors, {**about, "settings": dict(settings), "seen_stems": sorted(seen_stems)})
+    about = {
+        "format": _FORMAT, "model": {"kind": "adapted"}, "method": method, "features": adapted.base.dimension,
+        "settings": dict(settings), "seen_stems": sorted(adapted.seen_stems), "seen_images": sorted(adapted.seen_images),
+    }  # fmt: skip
+    save_tensors(out, _NAME, tensors, about)
     write_text(out / "config.toml", tomli_w.dumps({"model": "adapted", **settings}))
 
 
@@ -116,7 +113,8 @@ def open_method(argument: str) -> AdaptedDescriber:
     damaged = f"{readable(run)} is damaged; restore it, or adapt again"
     try:
         weight, bias = tensors["weight"].double().numpy(), tensors["bias"].double().numpy()
-        method, features, stems = about["method"], about["features"], frozenset(map(str, about["seen_stems"]))
+        method, features = about["method"], about["features"]
+        stems, images = frozenset(map(str, about["seen_stems"])), frozenset(map(str, about["seen_images"]))
         settings = {str(key): value for key, value in about["settings"].items() if isinstance(value, str | int | float)}
         digest = str(about["tensors"]["sha256"])
     except (KeyError, TypeError, AttributeError):
@@ -128,4 +126,4 @@ def open_method(argument: str) -> AdaptedDescriber:
         raise CheckpointError(
             f"{readable(run)} was made for {features} numbers, but {base.method} gives {base.dimension}; adapt again"
         )
-    return AdaptedDescriber(base, Projection(weight, bias), {**settings, "adapter": digest[:16]}, stems)
+    return AdaptedDescriber(base, Projection(weight, bias), {**settings, "adapter": digest[:16]}, stems, images)
