@@ -107,7 +107,7 @@ def _rows(
         return cells
 
     def row(variant: str, dimensions: int, make: object) -> str:
-        path = given.out / f"{name}-{describer.method}-{variant}-{dimensions}.json"
+        path: Path = given.out / f"{name}-{describer.method}-{variant}-{dimensions}.json"
         if not path.is_file():
             begun = time.perf_counter()
             tested, told = make()  # type: ignore[operator]
