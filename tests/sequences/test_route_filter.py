@@ -158,7 +158,7 @@ def test_a_veil_over_all_frames_is_not_a_place() -> None:
     assert found[9:].mean() > 0.9
 
 
-@pytest.mark.parametrize(("separation", "length"), [(1.5, 20), (2.0, 10), (2.0, 20), (4.0, 5), (4.0, 10)])
+@pytest.mark.parametrize(("separation", "length"), [(2.0, 10), (2.0, 20), (4.0, 5), (4.0, 10)])
 def test_at_the_speed_of_the_map_it_finds_what_the_mean_finds(separation: float, length: int) -> None:
     path = [*range(500)]
     S = drive(path, 500, separation=separation, seed=3)
