@@ -198,6 +198,12 @@ class Map:
         return Projection(arrays["weight"].astype(np.float64), arrays["bias"].astype(np.float64))
 
     @property
+    def held_out_answers(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Probability of the best match of frames of the map that were held out, and whether it was right."""
+        arrays = self._state.arrays
+        return arrays["held_out.probability"], arrays["held_out.right"].astype(np.bool_)
+
+    @property
     def condition_model(self) -> ConditionModel:
         """Tells conditions apart."""
         prefix = "condition."
@@ -440,13 +446,18 @@ def _learnt(
     new = dict(document)
     if learns or not state.version:
         prior = _prior(document)
-        projection, calibration, learnt = shown(
+        learnt = shown(
             progress,
             "learning from the drives",
             lambda: learn(frames, light_of(arrays), int(document["dimensions"]), prior),
         )
-        kept |= {"weight": projection.weight.astype(np.float32), "bias": projection.bias.astype(np.float32)}
-        new |= {"calibration": calibration.to_dict(), "learnt": learnt}
+        kept |= {
+            "weight": learnt.projection.weight.astype(np.float32),
+            "bias": learnt.projection.bias.astype(np.float32),
+            "held_out.probability": learnt.probability,
+            "held_out.right": learnt.right.astype(np.uint8),
+        }
+        new |= {"calibration": learnt.calibration.to_dict(), "learnt": learnt.known}
     projection = Projection(kept["weight"].astype(np.float64), kept["bias"].astype(np.float64))
     model = ConditionModel.fit(
         as_matrix(table["looks"]), [document["drives"][drive]["condition"] for drive in frames.drives]
