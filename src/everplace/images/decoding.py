@@ -26,6 +26,7 @@ from PIL import Image
 from everplace.errors import ConfigError, ImageError
 from everplace.files import readable
 from everplace.images.formats import MAX_PIXELS, decode_bytes
+from everplace.images.sixteen_bits import SixteenBits
 
 __all__ = [
     "BROKEN_IMAGE_ERRORS",
@@ -95,7 +96,7 @@ class ImageSpec:
         return 1 if self.grey else 3
 
 
-def decode_image(path: Path, spec: ImageSpec) -> NDArray[np.uint8]:
+def decode_image(path: Path, spec: ImageSpec, scale: SixteenBits | None = None) -> NDArray[np.uint8]:
     """Decodes one image file.
 
     Grey conversion (ITU-R BT.601 luma) comes before resizing; shrinking averages areas, enlarging is
@@ -105,6 +106,7 @@ def decode_image(path: Path, spec: ImageSpec) -> NDArray[np.uint8]:
     Args:
         path: The file; its name may hold bytes that are not UTF-8.
         spec: The wanted size and channels.
+        scale: How 16-bit values become 8 bits; None: their upper 8 bits count.
 
     Returns:
         H×W×C uint8, C = 1 (grey) or 3 (RGB), C-contiguous and writable.
@@ -112,16 +114,17 @@ def decode_image(path: Path, spec: ImageSpec) -> NDArray[np.uint8]:
     Raises:
         ImageError: The file is missing, unreadable, truncated, broken, too large, or no image.
     """
-    return decode_encoded(readable(path), read_image_bytes(path), spec)
+    return decode_encoded(readable(path), read_image_bytes(path), spec, scale)
 
 
-def decode_encoded(name: str, data: bytes, spec: ImageSpec) -> NDArray[np.uint8]:
+def decode_encoded(name: str, data: bytes, spec: ImageSpec, scale: SixteenBits | None = None) -> NDArray[np.uint8]:
     """Decodes the content of an image file, from wherever it comes; see `decode_image`.
 
     Args:
         name: What to call it in messages.
         data: The whole file.
         spec: The wanted size and channels.
+        scale: How 16-bit values become 8 bits; None: their upper 8 bits count.
 
     Raises:
         ImageError: It is empty, truncated, broken, too large, or no image.
@@ -129,7 +132,7 @@ def decode_encoded(name: str, data: bytes, spec: ImageSpec) -> NDArray[np.uint8]
     if not data:
         raise ImageError(f"{name} is empty (0 bytes); copy or export the frame again")
     try:
-        pixels = decode_bytes(name, data, spec.size, grey=spec.grey)
+        pixels = decode_bytes(name, data, spec.size, grey=spec.grey, scale=scale)
     except BROKEN_IMAGE_ERRORS as error:
         raise ImageError(f"{name} is truncated or broken ({error}); copy or export the frame again") from error
     if spec.size is not None:

@@ -1,9 +1,9 @@
 """The formats of images, read by Pillow, and how each becomes 8-bit grey or RGB.
 
 What every decoded image has in common: the content decides the format, not the ending of the name; the EXIF
-orientation is applied; 16-bit grey is divided by 256 (never stretched, which would hide how bright a frame
-is); transparent pixels are laid over black, but an alpha of 0 throughout, which simulators write, is none; colour
-profiles are ignored; of an animation the first picture is taken.
+orientation is applied; 16-bit values are divided by 256, or scaled as their whole drive is (never each frame by
+itself, which would hide how bright it is); transparent pixels are laid over black, but an alpha of 0 throughout,
+which simulators write, is none; colour profiles are ignored; of an animation the first picture is taken.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import io
 import struct
 import zlib
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFile
@@ -23,8 +24,9 @@ from PIL.TiffImagePlugin import TiffImageFile
 from PIL.WebPImagePlugin import WebPImageFile
 
 from everplace.errors import ImageError
+from everplace.images.sixteen_bits import SixteenBits
 
-__all__ = ["MAX_PIXELS", "decode_bytes", "image_ending", "image_size"]
+__all__ = ["MAX_PIXELS", "decode_bytes", "image_ending", "image_size", "may_have_16_bits", "sixteen_bit_values"]
 
 MAX_PIXELS = 2**26
 """Largest picture that is decoded: 8192×8192 pixels; checked in the header, before memory is taken."""
@@ -40,8 +42,10 @@ _READERS: tuple[tuple[bytes, type[ImageFile.ImageFile], str], ...] = (
     (b"RIFF", WebPImageFile, ".webp"),
     *((b"P%d" % number, PpmImageFile, ".ppm") for number in range(1, 7)),
 )
+_PNG_BITS, _PNG_START = 24, 25
 _ORIENTATION_TAG = 0x0112
 _WIDTH_TAG, _HEIGHT_TAG = 0x0100, 0x0101
+_BITS_TAG = 0x0102
 # Nobody hides a whole picture: such an alpha was never set, or was 1.0 before it became a byte.
 _NO_ALPHA = 1
 _ON_ITS_SIDE = frozenset({5, 6, 7, 8})
@@ -57,7 +61,9 @@ _TURNS = {
 }
 
 
-def decode_bytes(name: str, data: bytes, target: tuple[int, int] | None, *, grey: bool) -> NDArray[np.uint8]:
+def decode_bytes(
+    name: str, data: bytes, target: tuple[int, int] | None, *, grey: bool, scale: SixteenBits | None = None
+) -> NDArray[np.uint8]:
     """Decodes an image at its stored size, or a JPEG at 1/2, 1/4 or 1/8 of it.
 
     Args:
@@ -65,6 +71,7 @@ def decode_bytes(name: str, data: bytes, target: tuple[int, int] | None, *, grey
         data: The whole file.
         target: (H, W) that the picture will be resized to: a reduced JPEG is never below it. None: as stored.
         grey: One channel of ITU-R BT.601 luma instead of three of RGB.
+        scale: How 16-bit values become 8 bits; None: their upper 8 bits count.
 
     Returns:
         H×W×C uint8, C-contiguous.
@@ -74,20 +81,17 @@ def decode_bytes(name: str, data: bytes, target: tuple[int, int] | None, *, grey
         OSError, EOFError, SyntaxError, ValueError, TypeError, LookupError, OverflowError, struct.error: What
             Pillow's readers raise on broken bytes.
     """
-    reader = _find_reader(name, data)
-    if reader is PngImageFile:
-        _check_png(data)
-    with reader(io.BytesIO(data)) as image:
-        if image.width * image.height > MAX_PIXELS:
-            raise ImageError(
-                f"{name} has {image.width}×{image.height} pixels, more than the limit of "
-                f"{MAX_PIXELS}; export the frame smaller"
-            )
+    with _open(name, data) as image:
         if isinstance(image, JpegImageFile):
             _reduce_jpeg(image, target, grey)
+        deep = _has_16_bits(image, data)
         image.load()
         orientation = image.getexif().get(_ORIENTATION_TAG, 1)
-        plain = _to_8_bit(name, image).convert("L" if grey else "RGB")
+        if deep and scale is not None:
+            plain = Image.fromarray(scale.to_8_bits(_values(image, data)).squeeze())
+        else:
+            plain = _to_8_bit(name, image)
+        plain = plain.convert("L" if grey else "RGB")
         if orientation in _TURNS:
             plain = plain.transpose(_TURNS[orientation])
         return np.array(plain).reshape(plain.height, plain.width, 1 if grey else 3)
@@ -106,6 +110,64 @@ def image_size(name: str, data: bytes) -> tuple[int, int]:
         if isinstance(image, TiffImageFile):  # versions of Pillow differ in whether its size is upright already
             width, height = image.tag_v2[_WIDTH_TAG], image.tag_v2[_HEIGHT_TAG]
         return (width, height) if on_its_side else (height, width)
+
+
+def may_have_16_bits(start: bytes) -> bool:
+    """Says by the first 32 bytes of an image file whether it may hold 16-bit values."""
+    ending = image_ending(start)
+    return start[_PNG_BITS:_PNG_START] == b"\x10" if ending == ".png" else ending in {".tiff", ".ppm"}
+
+
+def sixteen_bit_values(name: str, data: bytes) -> NDArray[np.uint16] | None:
+    """Returns the values of an image file that holds 16 bits a value; None: it does not.
+
+    Returns:
+        H×W or H×W×3 (RGB) uint16, as stored, before any turn.
+
+    Raises:
+        ImageError, OSError and others: As `decode_bytes`.
+    """
+    with _open(name, data) as image:
+        if not _has_16_bits(image, data):
+            return None
+        image.load()
+        return _values(image, data)
+
+
+def _open(name: str, data: bytes) -> ImageFile.ImageFile:
+    """Reads the header, and checks what can be checked before memory is taken; errors as `decode_bytes`."""
+    reader = _find_reader(name, data)
+    if reader is PngImageFile:
+        _check_png(data)
+    image = reader(io.BytesIO(data))
+    if image.width * image.height > MAX_PIXELS:
+        raise ImageError(
+            f"{name} has {image.width}×{image.height} pixels, more than the limit of "
+            f"{MAX_PIXELS}; export the frame smaller"
+        )
+    return image
+
+
+def _has_16_bits(image: ImageFile.ImageFile, data: bytes) -> bool:
+    """Says of an image that is not loaded yet whether its values may use any part of 16 bits."""
+    if isinstance(image, PngImageFile):
+        return data[_PNG_BITS] == 16
+    if isinstance(image, TiffImageFile):
+        return set(image.tag_v2.get(_BITS_TAG, ())) == {16} and image.mode in {"I;16", "I;16B", "I;16L", "RGB", "RGBA"}
+    # Of a PGM that says its largest value Pillow makes 16 whole bits; colour has none left.
+    return image.mode == "I" and isinstance(image, PpmImageFile) and image.tile[0].codec_name == "raw"
+
+
+def _values(image: ImageFile.ImageFile, data: bytes) -> NDArray[np.uint16]:
+    """Returns the 16-bit values of an image, which Pillow has decoded and so found whole."""
+    if image.mode.startswith("I"):
+        return np.asarray(image).astype(np.uint16)
+    # Pillow keeps the upper 8 bits of colours.
+    colours = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if colours is None or colours.dtype != np.uint16:
+        raise ValueError("its 16-bit colours cannot be read")
+    rgb = colours[:, :, 2::-1] if colours.ndim == 3 else colours
+    return np.ascontiguousarray(rgb, dtype=np.uint16)
 
 
 def _find_reader(name: str, data: bytes) -> type[ImageFile.ImageFile]:

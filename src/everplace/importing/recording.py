@@ -13,8 +13,8 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from everplace.errors import ConfigError
 from everplace.files import readable
-from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
-from everplace.importing.frame_pixels import parse_size, resized
+from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, ScaledOptions
+from everplace.importing.frame_pixels import parse_size, resized, scaled
 from everplace.importing.sampling import sample_by_change, sample_by_distance, sample_by_number, sample_by_time
 
 __all__ = ["Drive", "RecordingOptions", "passed_over", "recorded_route"]
@@ -24,7 +24,7 @@ _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _SAMPLING = ("every_frames", "every_seconds", "every_metres", "change")
 
 
-class RecordingOptions(SourceOptions):
+class RecordingOptions(ScaledOptions):
     """Options of every kind of recording."""
 
     every_frames: Annotated[int, Field(ge=1)] | None = None
@@ -135,7 +135,7 @@ def recorded_route(
 def _kept_frames(drive: Drive, options: RecordingOptions) -> Iterator[ForeignFrame]:
     """Yields the frames that stay, as they will be called."""
     prefix = f"{drive.name}-" if options.stems == "own" else ""
-    frames = drive.frames
+    frames = scaled(drive.frames, options.scale())
     # The generators between here and the recording know nothing of closing it.
     with contextlib.ExitStack() as stack:
         stack.callback(getattr(frames, "close", lambda: None))

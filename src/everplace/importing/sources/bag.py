@@ -21,6 +21,7 @@ from pydantic import AfterValidator
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.images.formats import image_ending
+from everplace.images.sixteen_bits import SixteenBits
 from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.containers.ros_bag import BAG_ENDINGS, METADATA, Bag, Topic, open_bag
 from everplace.importing.containers.ros_image import image_pixels
@@ -168,10 +169,12 @@ def _frames(
 def _read_images(bag: Bag, topic: Topic, path: Path, options: Options) -> Iterator[ForeignFrame]:
     (message_type,) = topic.types
     number = -1
+    scale = options.scale()
     for number, (recorded, message) in enumerate(bag.messages(topic.name, message_type)):
         where = f"message {number} of {topic.name} in {readable(path)}"
-        content = _encoded(message, where) if message_type == _COMPRESSED else _pixels(message, where)
-        yield ForeignFrame(f"{number:06d}", content, seconds=_seconds(recorded, message, where, options))
+        content = _encoded(message, where) if message_type == _COMPRESSED else _pixels(message, where, scale)
+        seconds = _seconds(recorded, message, where, options)
+        yield ForeignFrame(f"{number:06d}", content, seconds=seconds, scale=scale)
     if number + 1 < topic.count:
         raise RouteError(
             f"{readable(path)} announces {topic.count} messages of {topic.name}, but holds only {number + 1}; reindex "
@@ -179,7 +182,7 @@ def _read_images(bag: Bag, topic: Topic, path: Path, options: Options) -> Iterat
         )
 
 
-def _pixels(message: Any, where: str) -> Content:
+def _pixels(message: Any, where: str, scale: SixteenBits) -> Content:
     try:
         return image_pixels(
             message.encoding,
@@ -188,6 +191,7 @@ def _pixels(message: Any, where: str) -> Content:
             message.step,
             np.ascontiguousarray(message.data, dtype=np.uint8),
             big_endian=bool(message.is_bigendian),
+            scale=scale,
         )
     except ValueError as error:
         raise RouteError(f"{where} cannot be read: {error}; convert the topic or choose another") from error

@@ -14,7 +14,7 @@ from everplace.files import readable
 from everplace.importing.containers.data_set_search import find_data_set
 from everplace.importing.containers.file_trees import TreePath, by_stem, read_frames
 from everplace.importing.containers.text_rows import read_rows
-from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, ScaledOptions
 from everplace.route.truth import TruthPair
 
 __all__ = ["SUMMARY", "Options", "read"]
@@ -26,7 +26,7 @@ _HDF5 = (".h5", ".hdf5")
 _EVERPLACE = ("image_names", "names")  # everplace's own layout; older files have the second alone
 
 
-class Options(SourceOptions):
+class Options(ScaledOptions):
     """Options of the kind; files are looked for from the source's directory."""
 
     pairs: str = "pairs.txt"

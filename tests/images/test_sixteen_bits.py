@@ -1,0 +1,50 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from everplace.images.sixteen_bits import SixteenBits, used_range
+
+
+def test_all_16_bits_give_the_upper_halves() -> None:
+    values = np.arange(0, 65536, dtype=np.uint16).reshape(256, 256)
+    np.testing.assert_array_equal(SixteenBits().to_8_bits(values), values >> 8)
+
+
+@pytest.mark.parametrize("bits", [9, 12, 14, 16])
+def test_a_scale_from_0_on_is_a_shift(bits: int) -> None:
+    values = np.arange(0, 2**bits, dtype=np.uint16)[np.newaxis]
+    np.testing.assert_array_equal(SixteenBits(0, 2**bits).to_8_bits(values), values >> (bits - 8))
+
+
+def test_what_lies_outside_becomes_black_or_white() -> None:
+    values = np.array([[0, 999, 1000, 1500, 1999, 2000, 65535]], dtype=np.uint16)
+    assert SixteenBits(1000, 2000).to_8_bits(values).tolist() == [[0, 0, 0, 128, 255, 255, 255]]
+
+
+def test_a_hot_and_a_dead_pixel_are_no_range() -> None:
+    values = np.tile(np.arange(3000, 4000, dtype=np.uint16), (4, 1))
+    values[0, 0], values[0, 1] = 0, 65535
+    low, high = used_range([values, values])
+    assert 3000 <= low < 3010
+    assert 3990 < high < 4000
+
+
+def test_frames_are_counted_and_told() -> None:
+    scale = SixteenBits()
+    wide = np.linspace(0, 65535, 400).astype(np.uint16).reshape(20, 20)
+    scale.to_8_bits(wide)
+    scale.to_8_bits(wide // 32 + 100)
+    scale.to_8_bits(wide // 32 + 50)
+    (note,) = scale.notes("winter")
+    assert "2 of 3 16-bit frames of winter use less than a sixteenth" in note
+    assert "values 50 to 2147" in note
+    assert "--set range=50:2148" in note
+
+
+def test_values_that_are_cut_off_and_an_option_without_effect_are_told() -> None:
+    scale = SixteenBits(0, 1024)
+    scale.to_8_bits(np.full((4, 4), 5000, dtype=np.uint16))
+    assert "1 of 1 16-bit frames of day have more than 1% of their values outside 0:1024" in scale.notes("day")[0]
+    assert "No frame of day has 16 bits" in SixteenBits(0, 1024).notes("day")[0]
+    assert SixteenBits().notes("day") == []
