@@ -26,6 +26,7 @@ from PIL import Image
 from everplace.errors import ConfigError, ImageError
 from everplace.files import readable
 from everplace.images.formats import MAX_PIXELS, decode_bytes
+from everplace.images.heif import HEIF_ENDINGS
 from everplace.images.sixteen_bits import SixteenBits
 
 __all__ = [
@@ -48,7 +49,9 @@ __all__ = [
 T = TypeVar("T")
 R = TypeVar("R")
 
-IMAGE_ENDINGS = frozenset({".bmp", ".jfif", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
+IMAGE_ENDINGS = frozenset(
+    {".bmp", ".jfif", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp", *HEIF_ENDINGS}
+)
 """Endings (lower case) by which a file in a traverse counts as a frame."""
 
 _ENDINGS = tuple(sorted(IMAGE_ENDINGS))
@@ -61,10 +64,11 @@ BROKEN_IMAGE_ERRORS = (
     TypeError,
     LookupError,
     OverflowError,
+    RuntimeError,
     struct.error,
 )
 """What Pillow's readers raise on broken bytes: OSError and EOFError where they end too early, SyntaxError for
-broken PNG chunks, the others for header fields without sense."""
+broken PNG chunks, RuntimeError for broken AVIF, the others for header fields without sense."""
 
 MAX_FILE_BYTES = 2**29
 """Largest image file that is read: 512 MiB."""
@@ -113,6 +117,7 @@ def decode_image(path: Path, spec: ImageSpec, scale: SixteenBits | None = None) 
 
     Raises:
         ImageError: The file is missing, unreadable, truncated, broken, too large, or no image.
+        MissingExtraError: It is HEIC or AVIF, and what reads that is not installed.
     """
     return decode_encoded(readable(path), read_image_bytes(path), spec, scale)
 

@@ -24,6 +24,7 @@ from PIL.TiffImagePlugin import TiffImageFile
 from PIL.WebPImagePlugin import WebPImageFile
 
 from everplace.errors import ImageError
+from everplace.images.heif import heif_ending, heif_reader
 from everplace.images.sixteen_bits import SixteenBits
 
 __all__ = ["MAX_PIXELS", "decode_bytes", "image_ending", "image_size", "may_have_16_bits", "sixteen_bit_values"]
@@ -78,8 +79,9 @@ def decode_bytes(
 
     Raises:
         ImageError: The format is unknown, the picture too large, or its pixels have no known range.
-        OSError, EOFError, SyntaxError, ValueError, TypeError, LookupError, OverflowError, struct.error: What
-            Pillow's readers raise on broken bytes.
+        MissingExtraError: It is HEIC or AVIF, and what reads that is not installed.
+        OSError, EOFError, SyntaxError, ValueError, TypeError, LookupError, OverflowError, RuntimeError, struct.error:
+            What Pillow's readers raise on broken bytes.
     """
     with _open(name, data) as image:
         if isinstance(image, JpegImageFile):
@@ -99,7 +101,7 @@ def decode_bytes(
 
 def image_ending(data: bytes) -> str:
     """Returns the usual ending of image files that begin so, such as `.jpg`; empty: the format is unknown."""
-    return next((ending for start, _, ending in _READERS if data.startswith(start)), "")
+    return next((ending for start, _, ending in _READERS if data.startswith(start)), "") or heif_ending(data[:64])
 
 
 def image_size(name: str, data: bytes) -> tuple[int, int]:
@@ -175,8 +177,11 @@ def _find_reader(name: str, data: bytes) -> type[ImageFile.ImageFile]:
 
     Raises:
         ImageError: Nothing does.
+        MissingExtraError: Nothing that is installed does.
     """
     reader = next((reader for start, reader, _ in _READERS if data.startswith(start)), None)
+    if reader is None and (ending := heif_ending(data[:64])):
+        return heif_reader(name, ending)
     if reader is None:
         raise ImageError(
             f"{name} is not an image of a known format; convert it to PNG or JPEG, or move it out of the route"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from everplace.errors import ConfigError
 from everplace.files import readable
+from everplace.images.frame_names import counted_endings
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, ScaledOptions
 from everplace.importing.frame_pixels import parse_size, resized, scaled
 from everplace.importing.sampling import sample_by_change, sample_by_distance, sample_by_number, sample_by_time
@@ -78,7 +78,7 @@ class Drive:
     named: bool = False
 
 
-def passed_over(directory: Path, names: Sequence[str], what: str, endings: Sequence[str]) -> list[str]:
+def passed_over(directory: Path, names: Sequence[str], what: str, endings: tuple[str, ...]) -> list[str]:
     """Returns a sentence that counts the files of known endings that were not read; none where there are none.
 
     Args:
@@ -87,10 +87,9 @@ def passed_over(directory: Path, names: Sequence[str], what: str, endings: Seque
         what: What they are, such as "videos".
         endings: Which endings (lower case) count, beginning with a dot.
     """
-    counts = Counter(ending for name in names if (ending := next(filter(name.lower().endswith, endings), "")))
-    if not counts:
+    told = counted_endings(names, endings)
+    if not told:
         return []
-    told = ", ".join(f"{count} × {ending}" for ending, count in sorted(counts.items()))
     return [f"{readable(directory)} holds {what} that were not read: {told}; convert them, or give one by itself."]
 
 

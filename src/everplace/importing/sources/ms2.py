@@ -22,7 +22,7 @@ from pydantic import Field
 
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
-from everplace.images.decoding import is_image_name
+from everplace.images.frame_names import choose_frames
 from everplace.images.sixteen_bits import SixteenBits, used_range
 from everplace.importing.containers.data_set_search import find_data_set
 from everplace.importing.containers.file_trees import TreePath, by_stem, read_files
@@ -161,7 +161,7 @@ def _sequences(directory: TreePath, camera: str) -> list[str]:
 
 def _open(root: TreePath, options: Options) -> _Drive:
     directory = root / options.camera / f"img_{options.side}"
-    names = by_stem(directory, filter(is_image_name, directory.children().files))
+    names = by_stem(directory, choose_frames(directory, directory.children().files))
     if not names:
         raise RouteError(f"{readable(directory)} holds no image; unpack it, or leave the sequence out with sequences=")
     stems = natural_sorted(names)
