@@ -24,6 +24,7 @@ from PIL.TiffImagePlugin import TiffImageFile
 from PIL.WebPImagePlugin import WebPImageFile
 
 from everplace.errors import ImageError
+from everplace.git_lfs import POINTER_BYTES, is_pointer, pointer_sentence
 from everplace.images.heif import heif_ending, heif_reader
 from everplace.images.sixteen_bits import SixteenBits
 
@@ -182,6 +183,8 @@ def _find_reader(name: str, data: bytes) -> type[ImageFile.ImageFile]:
     reader = next((reader for start, reader, _ in _READERS if data.startswith(start)), None)
     if reader is None and (ending := heif_ending(data[:64])):
         return heif_reader(name, ending)
+    if reader is None and is_pointer(data[:POINTER_BYTES]):
+        raise ImageError(pointer_sentence(name))
     if reader is None:
         raise ImageError(
             f"{name} is not an image of a known format; convert it to PNG or JPEG, or move it out of the route"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from everplace.errors import ImageError
 from everplace.files import readable
+from everplace.git_lfs import is_pointer, pointer_sentence
 from everplace.images.decoding import (
     BROKEN_IMAGE_ERRORS,
     ImageSpec,
@@ -26,7 +27,7 @@ from everplace.importing.foreign_route import Content, Encoded, ForeignFrame
 __all__ = ["decode_content", "parse_size", "resized", "scaled", "values_of_16_bits", "without_16_bits"]
 
 _LONGEST_SIDE = 8192
-_START_BYTES = 32
+_START_BYTES = 64
 
 
 def decode_content(frame: ForeignFrame, spec: ImageSpec) -> NDArray[np.uint8]:
@@ -79,11 +80,13 @@ def without_16_bits(frame: ForeignFrame) -> Content:
     A scale that takes all of them is shown the values, so that it can tell how much of their range is used.
 
     Raises:
-        ImageError: The image cannot be decoded, although it has to be.
+        ImageError: The image cannot be decoded, although it has to be, or is a pointer of Git LFS.
     """
     content, scale = frame.content, frame.scale
     if scale is None or isinstance(content, np.ndarray):
         return content
+    if is_pointer(_start(content)):
+        raise ImageError(pointer_sentence(_name(frame)))
     try:
         values = values_of_16_bits(frame)
     except ImageError:
@@ -122,14 +125,22 @@ def _deep_file(content: Path | Encoded) -> bytes | None:
     Raises:
         ImageError, OSError: It cannot be read.
     """
-    if isinstance(content, Encoded):
-        return content.data if may_have_16_bits(content.data[:_START_BYTES]) else None
-    if not content.is_file():  # a device or FIFO would be waited for
+    if not may_have_16_bits(_start(content)):
         return None
-    with content.open("rb") as file:
-        if not may_have_16_bits(file.read(_START_BYTES)):
-            return None
-    return read_image_bytes(content)
+    return content.data if isinstance(content, Encoded) else read_image_bytes(content)
+
+
+def _start(content: Path | Encoded) -> bytes:
+    """Returns the first bytes of an image file; none where it cannot be read."""
+    if isinstance(content, Encoded):
+        return content.data[:_START_BYTES]
+    try:
+        if not content.is_file():  # a device or FIFO would be waited for
+            return b""
+        with content.open("rb") as file:
+            return file.read(_START_BYTES)
+    except OSError:
+        return b""
 
 
 def _name(frame: ForeignFrame) -> str:

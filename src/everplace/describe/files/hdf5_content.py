@@ -17,6 +17,7 @@ from everplace.describe.files.hdf5 import blocks_of_rows, find_dataset, read_tex
 from everplace.describe.files.hloc_layout import is_hloc_layout, read_groups
 from everplace.errors import DescriptorsError
 from everplace.files import readable
+from everplace.git_lfs import refuse_pointer
 
 __all__ = ["Hdf5Content", "read_hdf5"]
 
@@ -48,6 +49,7 @@ def read_hdf5(path: Path) -> Hdf5Content:
     Raises:
         DescriptorsError: The file is none of these, is damaged, or takes longer than 20 s and a second for each MiB.
     """
+    refuse_pointer(path, DescriptorsError)
     seconds, memory = file_limits(path)
     try:
         with output_of_child(_send, str(path), seconds=seconds, memory=memory) as sent:

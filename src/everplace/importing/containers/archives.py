@@ -21,6 +21,7 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 from everplace.errors import RouteError
 from everplace.files import readable
+from everplace.git_lfs import POINTER_BYTES, is_pointer, pointer_sentence
 from everplace.images.decoding import MAX_FILE_BYTES
 
 if TYPE_CHECKING:
@@ -110,12 +111,17 @@ def scan_members(
             raise _RefusedError("is no regular file", "give an archive that is one")
         limit = _FREE_EXPANSION + _MOST_EXPANSION * path.stat().st_size
         with path.open("rb") as file:
+            if is_pointer(file.read(POINTER_BYTES)):
+                raise RouteError(pointer_sentence(readable(path)))
+            file.seek(0)
             is_zip = file.read(4) in (b"PK\3\4", b"PK\5\6", b"PK\7\b")
             file.seek(0)
             for member, open_member in _zip_members(file, limit) if is_zip else _tar_members(file, limit):
                 last = _printable(member.name)
                 chosen = not member.target and wanted(member)
                 yield member, _read(member, open_member) if chosen else None
+    except RouteError:
+        raise
     except _RefusedError as error:
         raise RouteError(f"{readable(path)} {error}") from error
     except NotImplementedError as error:

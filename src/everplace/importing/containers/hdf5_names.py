@@ -11,6 +11,7 @@ from typing import IO, Any
 from everplace.child_process import ChildError, file_limits, output_of_child
 from everplace.errors import RouteError
 from everplace.files import readable
+from everplace.git_lfs import refuse_pointer
 from everplace.importing.containers.file_trees import TreePath
 
 __all__ = ["read_image_names"]
@@ -27,6 +28,7 @@ def read_image_names(path: TreePath) -> list[str]:
         RouteError: The file is missing, damaged, or no such file.
     """
     if path.is_on_disk:
+        refuse_pointer(path.source, RouteError)
         return _from_child(path.source, path)
     with path.open() as file, tempfile.TemporaryDirectory() as directory:
         unpacked = Path(directory) / "names.h5"

@@ -14,6 +14,7 @@ from PIL.TiffImagePlugin import TiffImageFile
 
 from everplace.errors import ConfigError, ImageError, RouteError
 from everplace.files import readable
+from everplace.git_lfs import refuse_pointer
 from everplace.images.decoding import BROKEN_IMAGE_ERRORS, MAX_PIXELS, read_image_bytes
 from everplace.images.frame_names import choose_frames
 from everplace.importing.containers.file_trees import TreePath, by_stem
@@ -93,6 +94,7 @@ def visible_channels(path: Path) -> Content:
     if path.suffix.lower() not in {".tif", ".tiff"}:
         return path
     try:
+        refuse_pointer(path, ImageError)
         with TiffImageFile(io.BytesIO(read_image_bytes(path))) as image:
             if len(image.getbands()) != 4:
                 return path
