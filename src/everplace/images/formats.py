@@ -27,6 +27,7 @@ from everplace.errors import ImageError
 from everplace.git_lfs import POINTER_BYTES, is_pointer, pointer_sentence
 from everplace.images.heif import heif_ending, heif_reader
 from everplace.images.sixteen_bits import SixteenBits
+from everplace.warning_source import warnings_of
 
 __all__ = ["MAX_PIXELS", "decode_bytes", "image_ending", "image_size", "may_have_16_bits", "sixteen_bit_values"]
 
@@ -84,7 +85,7 @@ def decode_bytes(
         OSError, EOFError, SyntaxError, ValueError, TypeError, LookupError, OverflowError, RuntimeError, struct.error:
             What Pillow's readers raise on broken bytes.
     """
-    with _open(name, data) as image:
+    with warnings_of(name), _open(name, data) as image:
         if isinstance(image, JpegImageFile):
             _reduce_jpeg(image, target, grey)
         deep = _has_16_bits(image, data)
@@ -107,7 +108,7 @@ def image_ending(data: bytes) -> str:
 
 def image_size(name: str, data: bytes) -> tuple[int, int]:
     """Returns the (H, W) of the upright picture, as its header says; errors as `decode_bytes`."""
-    with _find_reader(name, data)(io.BytesIO(data)) as image:
+    with warnings_of(name), _find_reader(name, data)(io.BytesIO(data)) as image:
         on_its_side = image.getexif().get(_ORIENTATION_TAG, 1) in _ON_ITS_SIDE
         width, height = image.size
         if isinstance(image, TiffImageFile):  # versions of Pillow differ in whether its size is upright already
@@ -130,7 +131,7 @@ def sixteen_bit_values(name: str, data: bytes) -> NDArray[np.uint16] | None:
     Raises:
         ImageError, OSError and others: As `decode_bytes`.
     """
-    with _open(name, data) as image:
+    with warnings_of(name), _open(name, data) as image:
         if not _has_16_bits(image, data):
             return None
         image.load()
@@ -165,8 +166,10 @@ def _values(image: ImageFile.ImageFile, data: bytes) -> NDArray[np.uint16]:
     """Returns the 16-bit values of an image, which Pillow has decoded and so found whole."""
     if image.mode.startswith("I"):
         return np.asarray(image).astype(np.uint16)
-    # Pillow keeps the upper 8 bits of colours.
+    # Pillow keeps the upper 8 bits of colours. OpenCV prints its warnings of tags, which name no file, on stderr.
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
     colours = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    cv2.utils.logging.setLogLevel(level)
     if colours is None or colours.dtype != np.uint16:
         raise ValueError("its 16-bit colours cannot be read")
     rgb = colours[:, :, 2::-1] if colours.ndim == 3 else colours

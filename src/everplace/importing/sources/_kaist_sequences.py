@@ -21,6 +21,7 @@ from everplace.importing.containers.file_trees import TreePath, by_stem
 from everplace.importing.containers.seq import open_seq
 from everplace.importing.foreign_route import Content
 from everplace.route.natural_order import natural_sorted
+from everplace.warning_source import warnings_of
 
 __all__ = ["KaistSequence", "find_sequences", "visible_channels"]
 
@@ -95,7 +96,7 @@ def visible_channels(path: Path) -> Content:
         return path
     try:
         refuse_pointer(path, ImageError)
-        with TiffImageFile(io.BytesIO(read_image_bytes(path))) as image:
+        with warnings_of(readable(path)), TiffImageFile(io.BytesIO(read_image_bytes(path))) as image:
             if len(image.getbands()) != 4:
                 return path
             if image.width * image.height > MAX_PIXELS:
