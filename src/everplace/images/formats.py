@@ -29,7 +29,15 @@ from everplace.images.heif import heif_ending, heif_reader
 from everplace.images.sixteen_bits import SixteenBits
 from everplace.warning_source import warnings_of
 
-__all__ = ["MAX_PIXELS", "decode_bytes", "image_ending", "image_size", "may_have_16_bits", "sixteen_bit_values"]
+__all__ = [
+    "MAX_PIXELS",
+    "announced_pixels",
+    "decode_bytes",
+    "image_ending",
+    "image_size",
+    "may_have_16_bits",
+    "sixteen_bit_values",
+]
 
 MAX_PIXELS = 2**26
 """Largest picture that is decoded: 8192×8192 pixels; checked in the header, before memory is taken."""
@@ -174,6 +182,16 @@ def _values(image: ImageFile.ImageFile, data: bytes) -> NDArray[np.uint16]:
         raise ValueError("its 16-bit colours cannot be read")
     rgb = colours[:, :, 2::-1] if colours.ndim == 3 else colours
     return np.ascontiguousarray(rgb, dtype=np.uint16)
+
+
+def announced_pixels(start: bytes) -> int:
+    """Returns how many pixels the header of an image announces; errors as `decode_bytes`.
+
+    Args:
+        start: The beginning of the file; of a TIFF all of it, whose header may stand at its end.
+    """
+    with _find_reader("the image", start)(io.BytesIO(start)) as image:
+        return image.width * image.height
 
 
 def _find_reader(name: str, data: bytes) -> type[ImageFile.ImageFile]:

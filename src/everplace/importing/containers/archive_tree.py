@@ -209,7 +209,7 @@ class _Listing:
         links: dict[str, str] = {}
         twice: set[str] = set()
         member = None
-        for member, content in scan_members(mount.archive, self._is_worth_keeping):
+        for member, content in scan_members(mount.archive, self._is_worth_keeping, bombs="skip"):
             name = member.name
             if name.startswith(_LEFTOVERS):
                 continue
