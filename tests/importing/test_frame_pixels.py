@@ -17,6 +17,7 @@ from tests.importing.sources.test_bag import IMAGE, write_bag
 from everplace.errors import ConfigError, ImageError
 from everplace.images.decoding import ImageSpec, decode_image
 from everplace.importing.import_route import ImportSummary, import_route
+from everplace.route.inspection import inspect_route
 from everplace.route.route import open_route
 
 LOW, HIGH = 1700, 3748
@@ -155,3 +156,28 @@ def test_a_scale_that_cannot_be_is_refused(tmp_path: Path, options: dict[str, st
     (tmp_path / "day").mkdir()
     with pytest.raises(ConfigError, match=message):
         import_route("images", tmp_path / "day", tmp_path / "out", options)
+
+
+def test_transparent_16_bit_colours_are_what_they_were_where_no_scale_is_given(tmp_path: Path) -> None:
+    alpha = np.full(VALUES.shape, 40000, dtype=np.uint16)
+    pixels = np.dstack([COLOURS[:, :, ::-1] * 16, alpha])
+    (tmp_path / "day").mkdir()
+    (tmp_path / "day/0.png").write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
+    import_route("images", tmp_path / "day", tmp_path / "out", {"size": "64x48"})
+    np.testing.assert_array_equal(
+        first_frame(tmp_path / "out"), decode_image(tmp_path / "day/0.png", ImageSpec(size=(48, 64)))
+    )
+
+
+def test_data_inspect_counts_them_too(tmp_path: Path) -> None:
+    for drive in ("day", "night"):
+        (tmp_path / drive).mkdir()
+        for number in range(3):
+            values = VALUES if drive == "day" or number == 1 else VALUES * 16
+            (tmp_path / drive / f"{number}.png").write_bytes(encoded(values, ".png"))
+    with pytest.warns(UserWarning, match="16-bit frames") as caught:
+        inspect_route(open_route(tmp_path))
+    said = [str(warning.message) for warning in caught if "16-bit" in str(warning.message)]
+    assert [text[: text.index(" use")] for text in said] == [
+        "3 of 3 16-bit frames of day", "1 of 3 16-bit frames of night",
+    ]  # fmt: skip

@@ -99,11 +99,10 @@ def decode_bytes(
         deep = _has_16_bits(image, data)
         image.load()
         orientation = image.getexif().get(_ORIENTATION_TAG, 1)
+        plain = None
         if deep and scale is not None:
-            plain = Image.fromarray(scale.to_8_bits(_values(image, data)).squeeze())
-        else:
-            plain = _to_8_bit(name, image)
-        plain = plain.convert("L" if grey else "RGB")
+            plain = _scaled(image, data, scale)
+        plain = (plain or _to_8_bit(name, image)).convert("L" if grey else "RGB")
         if orientation in _TURNS:
             plain = plain.transpose(_TURNS[orientation])
         return np.array(plain).reshape(plain.height, plain.width, 1 if grey else 3)
@@ -168,6 +167,17 @@ def _has_16_bits(image: ImageFile.ImageFile, data: bytes) -> bool:
         return set(image.tag_v2.get(_BITS_TAG, ())) == {16} and image.mode in {"I;16", "I;16B", "I;16L", "RGB", "RGBA"}
     # Of a PGM that says its largest value Pillow makes 16 whole bits; colour has none left.
     return image.mode == "I" and isinstance(image, PpmImageFile) and image.tile[0].codec_name == "raw"
+
+
+def _scaled(image: ImageFile.ImageFile, data: bytes, scale: SixteenBits) -> Image.Image | None:
+    """Scales 16-bit values; None where the scale takes all of them, so that only their range is of interest."""
+    try:
+        pixels = scale.to_8_bits(_values(image, data))
+    except ValueError:
+        if scale.is_whole:
+            return None
+        raise
+    return None if scale.is_whole else Image.fromarray(pixels)
 
 
 def _values(image: ImageFile.ImageFile, data: bytes) -> NDArray[np.uint16]:

@@ -40,6 +40,12 @@ class SixteenBits:
         """Whether the scale takes all 16 bits: 8-bit values are then the upper halves."""
         return (self.low, self.high) == (0, _VALUES)
 
+    def add(self, other: SixteenBits) -> None:
+        """Counts what another of the same scale has counted: no frame is counted in two threads at once."""
+        self.frames += other.frames
+        self._narrow += other._narrow
+        self._cut_off += other._cut_off
+
     def unused(self) -> SixteenBits:
         """The same scale, which has counted nothing: for pictures that are looked at beside the frames."""
         return SixteenBits(self.low, self.high)
