@@ -1,8 +1,16 @@
 from __future__ import annotations
 
+import io
+
+import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from PIL import Image
+from tests.fuzzing import DAMAGE, Damage, fuzzed
 
+from everplace.errors import ImageError
+from everplace.images.decoding import ImageSpec, decode_encoded
 from everplace.images.sixteen_bits import SixteenBits, used_range
 
 
@@ -48,3 +56,26 @@ def test_values_that_are_cut_off_and_an_option_without_effect_are_told() -> None
     assert "1 of 1 16-bit frames of day have more than 1% of their values outside 0:1024" in scale.notes("day")[0]
     assert "No frame of day has 16 bits" in SixteenBits(0, 1024).notes("day")[0]
     assert SixteenBits().notes("day") == []
+
+
+COLOURS = np.random.default_rng(5).integers(0, 4096, (16, 24, 3), dtype=np.uint16)
+
+
+def encoded(form: str) -> bytes:
+    kind, ending = form.split()
+    if kind == "colour":
+        return cv2.imencode(ending, COLOURS)[1].tobytes()
+    buffer = io.BytesIO()
+    Image.fromarray(COLOURS[:, :, 0]).save(buffer, {".png": "PNG", ".tiff": "TIFF", ".pgm": "PPM"}[ending])
+    return buffer.getvalue()
+
+
+@fuzzed(40)
+@given(DAMAGE)
+@pytest.mark.parametrize("form", ["grey .png", "grey .tiff", "grey .pgm", "colour .png", "colour .tiff"])
+@pytest.mark.parametrize("high", [4096, 65536])
+def test_damaged_files_give_a_picture_or_one_error(form: str, high: int, damage: Damage) -> None:
+    try:
+        decode_encoded("a.png", damage.of(encoded(form)), ImageSpec(), SixteenBits(0, high))
+    except ImageError as error:
+        assert "a.png" in str(error)

@@ -96,12 +96,10 @@ def decode_bytes(
     with warnings_of(name), _open(name, data) as image:
         if isinstance(image, JpegImageFile):
             _reduce_jpeg(image, target, grey)
-        deep = _has_16_bits(image, data)
+        deep = scale is not None and _has_16_bits(image, data)
         image.load()
         orientation = image.getexif().get(_ORIENTATION_TAG, 1)
-        plain = None
-        if deep and scale is not None:
-            plain = _scaled(image, data, scale)
+        plain = _scaled(image, data, scale) if deep and scale is not None else None
         plain = (plain or _to_8_bit(name, image)).convert("L" if grey else "RGB")
         if orientation in _TURNS:
             plain = plain.transpose(_TURNS[orientation])
@@ -166,7 +164,7 @@ def _has_16_bits(image: ImageFile.ImageFile, data: bytes) -> bool:
     if isinstance(image, TiffImageFile):
         return set(image.tag_v2.get(_BITS_TAG, ())) == {16} and image.mode in {"I;16", "I;16B", "I;16L", "RGB", "RGBA"}
     # Of a PGM that says its largest value Pillow makes 16 whole bits; colour has none left.
-    return image.mode == "I" and isinstance(image, PpmImageFile) and image.tile[0].codec_name == "raw"
+    return image.mode == "I" and isinstance(image, PpmImageFile) and image.tile[0][0] == "raw"
 
 
 def _scaled(image: ImageFile.ImageFile, data: bytes, scale: SixteenBits) -> Image.Image | None:
@@ -186,8 +184,12 @@ def _values(image: ImageFile.ImageFile, data: bytes) -> NDArray[np.uint16]:
         return np.asarray(image).astype(np.uint16)
     # Pillow keeps the upper 8 bits of colours. OpenCV prints its warnings of tags, which name no file, on stderr.
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
-    colours = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    cv2.utils.logging.setLogLevel(level)
+    try:
+        colours = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise ValueError("its 16-bit colours cannot be read") from error
+    finally:
+        cv2.utils.logging.setLogLevel(level)
     if colours is None or colours.dtype != np.uint16:
         raise ValueError("its 16-bit colours cannot be read")
     rgb = colours[:, :, 2::-1] if colours.ndim == 3 else colours
