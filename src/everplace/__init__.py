@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from everplace.describe.files.descriptors import Descriptors, load_descriptors
     from everplace.describe.registry import load
     from everplace.errors import EverplaceError
+    from everplace.mapping.localizer import Localizer, MapAnswer
+    from everplace.mapping.route_learning import Adaptation, adapt
+    from everplace.mapping.route_map import Map
     from everplace.match.matching import Matching
     from everplace.match.new_place import new_place_probability
     from everplace.match.similarity import similarity, similarity_blocks, top_k
@@ -40,11 +43,15 @@ if TYPE_CHECKING:
     from everplace.training.fitted_methods import train
 
 __all__ = [
+    "Adaptation",
     "Answer",
     "Describer",
     "Descriptors",
     "EverplaceError",
     "Frame",
+    "Localizer",
+    "Map",
+    "MapAnswer",
     "Matching",
     "Retrieval",
     "Route",
@@ -53,6 +60,7 @@ __all__ = [
     "Scores",
     "Selection",
     "Traverse",
+    "adapt",
     "align",
     "average_sequences",
     "best_path",
@@ -77,11 +85,15 @@ __all__ = [
 ]
 
 _HOME = {
+    "Adaptation": "mapping.route_learning",
     "Answer": "sequences.route_filter",
     "Describer": "describe.describer",
     "Descriptors": "describe.files.descriptors",
     "EverplaceError": "errors",
     "Frame": "route.traverse",
+    "Localizer": "mapping.localizer",
+    "Map": "mapping.route_map",
+    "MapAnswer": "mapping.localizer",
     "Matching": "match.matching",
     "Retrieval": "scoring.retrieval",
     "Route": "route.route",
@@ -90,6 +102,7 @@ _HOME = {
     "Scores": "scoring.scores",
     "Selection": "route.selection",
     "Traverse": "route.traverse",
+    "adapt": "mapping.route_learning",
     "align": "alignment.aligned_route",
     "average_sequences": "sequences.sequence_search",
     "best_path": "sequences.route_path",

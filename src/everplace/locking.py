@@ -56,7 +56,7 @@ def _holding(path: Path, seconds: float) -> Iterator[None]:
         lock.acquire(seconds)
     except Timeout:
         raise ConfigError(
-            f"--out {readable(path.parent)} is being written by another process; wait for it to end, or name another"
+            f"`out` {readable(path.parent)} is being written by another process; wait for it to end, or name another"
         ) from None
     except OSError as error:
         # Not every file system has locks; a run must not depend on them.

@@ -178,7 +178,7 @@ def test_what_cannot_be_aligned(drives: Path, tmp_path: Path) -> None:
     bare = replace(route, traverses=tuple(replace(traverse, poses=None) for traverse in route.traverses))
     with pytest.raises(RouteError, match="'autumn' has no poses; put a poses.csv"):
         align_by_poses(bare)
-    with pytest.raises(RouteError, match="share no place by poses within 1e-09 m; give a larger --radius"):
+    with pytest.raises(RouteError, match="share no place by poses within 1e-09 m; give a larger `radius`"):
         align_by_poses(route, radius=1e-9)
     with pytest.raises(RouteError, match="has one traverse only"):
         align_by_poses(route.only(["summer"]))
@@ -188,7 +188,7 @@ def test_what_cannot_be_aligned(drives: Path, tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         for number in range(3):
             Image.new("L", (64, 32), 9).save(tmp_path / name / f"{number}.png")
-    with pytest.raises(RouteError, match="share no place by the images' hog descriptors; align --by poses"):
+    with pytest.raises(RouteError, match="share no place by the images' hog descriptors; align `by=poses`"):
         align_by_images(open_route(tmp_path), open_describer("hog"))
 
 
@@ -231,7 +231,7 @@ def test_words_cannot_be_aligned_by(drives: Path) -> None:
     class Words:
         method, metric, dimension = "fabmap", "place-posterior", 3
 
-    route, message = open_route(drives), "--method fabmap gives words, which cannot be centred; choose hog"
+    route, message = open_route(drives), "`method` fabmap gives words, which cannot be centred; choose hog"
     with pytest.raises(ConfigError, match=message):
         align_by_images(route, Words())  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match=message):
@@ -257,3 +257,32 @@ def test_mistakes_are_one_sentence(drives: Path, tmp_path: Path, options: Iterab
     assert message in err
     assert len(err.strip().splitlines()) == 1
     assert not (tmp_path / "aligned").exists()
+
+
+def test_an_aligned_route_says_by_what_it_was_aligned(recorded: Path, tmp_path: Path) -> None:
+    (recorded / "route.toml").write_text("aligned = false\n")
+    pairs = tmp_path / "pairs.csv"
+    pairs.write_text("summer,winter\n0,w0\n11,w11\n")
+    drives = open_route(recorded)
+    ways = {
+        "images": align_by_images(drives, open_describer("hog")),
+        "poses": align_by_poses(drives, radius=1.0),
+        "pairs": align_by_pairs(drives, pairs),
+    }
+    told = {}
+    for name, alignment in ways.items():
+        write_aligned(alignment, tmp_path / name)
+        route = open_route(tmp_path / name)
+        told[name] = (route.truth_origin, route.aligned_by)
+    assert told == {
+        "images": ("an alignment by the images' hog descriptors", "hog"),
+        "poses": ("an alignment by poses within 1 m", None),
+        "pairs": (f"an alignment by pairs of {pairs}", None),
+    }
+
+
+def test_a_truth_of_its_own_keeps_its_origin_in_an_aligned_route(recorded: Path, tmp_path: Path) -> None:
+    (recorded / "route.toml").write_text('truth = "truth.csv"\ntruth_from = "pairs set by hand"\n')
+    write_aligned(align_by_images(open_route(recorded), open_describer("hog")), tmp_path / "aligned")
+    route = open_route(tmp_path / "aligned")
+    assert (route.truth_origin, route.aligned_by) == ("pairs set by hand", "hog")

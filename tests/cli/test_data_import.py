@@ -21,7 +21,7 @@ from everplace.importing.sources import _nordland_presets
 from everplace.match.similarity import similarity
 from everplace.route.route import open_route
 from everplace.route.selection import Selection
-from everplace.scoring.retrieval import Truth, choose_pair, true_matches
+from everplace.scoring.retrieval import MatchRule, choose_pair, true_matches
 
 
 def call(*arguments: str | Path) -> tuple[int, str, str]:
@@ -89,7 +89,7 @@ def test_a_preset_with_fewer_queries_than_map_frames_is_evaluated_against_the_wh
     assert metrics["recall_at"]["1"] == 1.0
     route = open_route(tmp_path / "r")
     pair = choose_pair(route, "summer", "winter", Selection())
-    truth, _ = true_matches(pair, Truth())
+    truth, _ = true_matches(pair, MatchRule())
     assert [np.flatnonzero(row).tolist() for row in truth] == [[0, 1], [9, 10, 11], [19, 20, 21]]
     assert [pair.database.stems[index] for index in (0, 10, 20)] == list(pair.query.stems)
     # Of the 75 pairs 8 are true; the same scores by scikit-learn's definition of average precision.

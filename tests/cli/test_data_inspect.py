@@ -33,6 +33,7 @@ def test_json_keeps_the_keys_of_before_and_lists_everything(
     assert result["route"] == str(broken_route)
     assert result["shared_places"] == 11
     assert (result["tolerance"], result["radius"]) == (None, None)
+    assert (result["truth_from"], result["aligned_by"]) == (None, None)
     summer, winter = result["traverses"]["summer"], result["traverses"]["winter"]
     assert (summer["condition"], summer["frames"], summer["poses"]) == ("summer", 11, False)
     assert list(winter["unreadable"]) == ["2", "5"]
@@ -61,3 +62,12 @@ def test_a_sheet_of_another_kind_is_refused_before_the_work(
 ) -> None:
     assert main.run(["data", "inspect", str(tiny_route), "--sheet", "sheet.jpg"]) == 2
     assert "must end in .png or .svg or .pdf" in capsys.readouterr().err
+
+
+def test_where_the_truth_comes_from_is_shown(tiny_route: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tiny_route / "route.toml").write_text('truth_from = "an alignment"\naligned_by = "hog"\n')
+    out, _ = inspect(tiny_route, capsys)
+    assert dict(line.split(maxsplit=1) for line in out.splitlines() if line.startswith(("truth", "aligned"))) == {
+        "truth_from": "an alignment",
+        "aligned_by": "hog",
+    }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import shutil
 from pathlib import Path
 
 import h5py
@@ -104,6 +105,35 @@ def test_an_image_root_that_is_not_above_the_images_is_refused(tiny_route: Path,
     assert not out.exists()
     assert main.run([*options, str(winter)]) == 0
     assert load_descriptors(out).image_names == tuple(f"{place}.png" for place in range(12))
+
+
+@pytest.mark.parametrize(
+    ("images", "root", "prefix"),
+    [
+        ("route/linked", "route", "linked/"),  # the drive is a link out of its route
+        ("route/linked", "route/linked", ""),
+        ("route/linked", "elsewhere", "drive/"),  # where the link leads
+        ("alias/linked", "route", "linked/"),  # the route by another name
+        ("route/linked", "alias", "linked/"),
+        ("route/summer/../linked", "route", "linked/"),
+        ("alias/winter", "alias", "winter/"),
+        ("inner/drive", ".", "inner/drive/"),
+    ],
+)
+def test_links_are_followed_only_where_the_path_as_given_is_not_below_the_root(
+    tiny_route: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, images: str, root: str, prefix: str
+) -> None:
+    place = tmp_path / "place"
+    place.mkdir()
+    tiny_route.rename(place / "route")
+    (place / "elsewhere").mkdir()
+    shutil.copytree(place / "route/winter", place / "elsewhere/drive")
+    (place / "route/linked").symlink_to(place / "elsewhere/drive")
+    (place / "alias").symlink_to("route")
+    (place / "inner").symlink_to("elsewhere")
+    monkeypatch.chdir(place)
+    call("describe", "hog", images, "--image-root", root, "--out", tmp_path / "w.h5")
+    assert load_descriptors(tmp_path / "w.h5").image_names == tuple(f"{prefix}{number}.png" for number in range(12))
 
 
 def test_a_file_without_image_names_gives_its_names_and_that_is_said(

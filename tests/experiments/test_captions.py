@@ -14,12 +14,12 @@ from everplace.experiments.captions import (
     score_words,
 )
 from everplace.match.matching import Matching
-from everplace.scoring.retrieval import Truth
+from everplace.scoring.retrieval import MatchRule
 
 
 def test_query_and_database_are_told_apart() -> None:
     assert pair_words("summer", "winter") == "query summer, database winter"
-    caption = matrix_caption("summer", "winter", Truth(tolerance=3), "cosine similarity")
+    caption = matrix_caption("summer", "winter", MatchRule(tolerance=3), "cosine similarity")
     assert "row is a frame of the query summer, each column one of the database winter" in caption
     assert "within ±3 frames" in caption
 
@@ -27,12 +27,12 @@ def test_query_and_database_are_told_apart() -> None:
 @pytest.mark.parametrize(
     ("truth", "said"),
     [
-        (Truth(tolerance=3), "within ±3 frames"),
-        (Truth(radius=25.0), "within 25 m"),
-        (Truth(pairs="pairs.csv"), "among the pairs of pairs.csv"),
+        (MatchRule(tolerance=3), "within ±3 frames"),
+        (MatchRule(radius=25.0), "within 25 m"),
+        (MatchRule(pairs="pairs.csv"), "among the pairs of pairs.csv"),
     ],
 )
-def test_what_counts_as_right_is_said_with_its_number(truth: Truth, said: str) -> None:
+def test_what_counts_as_right_is_said_with_its_number(truth: MatchRule, said: str) -> None:
     assert right_words(truth) == said
     assert match_note(truth, "cosine similarity") == f"right: {said}; number: cosine similarity"
     assert f"counts as right {said}, so it need not be the very frame" in match_caption(truth, "cosine similarity")

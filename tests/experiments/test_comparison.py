@@ -18,13 +18,13 @@ from everplace.experiments.manifest import open_study
 from everplace.match.matching import Matching
 from everplace.route.route import open_route
 from everplace.route.selection import Selection, parse_frames
-from everplace.scoring.retrieval import Truth
+from everplace.scoring.retrieval import MatchRule
 from everplace.training.fitted_methods import build_config, fit_method
 
 
 def test_every_ordered_pair_and_method_is_there(tiny_route: Path, tmp_path: Path) -> None:
     describers = {name: open_describer(name) for name in ("sad", "hog")}
-    study = open_study(open_route(tiny_route), Truth(0), Matching())
+    study = open_study(open_route(tiny_route), MatchRule(0), Matching())
     comparison = compare_methods(study, Methods(describers), tmp_path / "out")
     assert set(comparison.results) == {("summer", "winter"), ("winter", "summer")}
     assert all(set(results) == {"sad", "hog"} for results in comparison.results.values())
@@ -45,11 +45,11 @@ def test_every_ordered_pair_and_method_is_there(tiny_route: Path, tmp_path: Path
 def test_one_traverse_is_no_comparison(tiny_route: Path) -> None:
     route = open_route(tiny_route).choose(["summer"])
     with pytest.raises(RouteError, match="two traverses"):
-        open_study(route, Truth(), Matching())
+        open_study(route, MatchRule(), Matching())
 
 
 def test_a_peak_that_cannot_be_measured_is_a_dash_with_its_reason(tiny_route: Path, tmp_path: Path) -> None:
-    study = open_study(open_route(tiny_route), Truth(), Matching())
+    study = open_study(open_route(tiny_route), MatchRule(), Matching())
     methods = Methods({"hog": open_describer("hog")}, {"hog": str(tmp_path / "gone")})
     for _ in range(2):  # measured, and read
         comparison = compare_methods(study, methods, tmp_path)
@@ -96,12 +96,12 @@ def test_a_misspelt_method_is_an_error(tiny_route: Path, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("fit", "test", "says"),
     [
-        ("", "6:", "--fit-frames"),
+        ("", "6:", "`fit_frames`"),
         ("0:8", "6:", "share 2 places"),
-        ("30:40", "6:", "--fit-frames 30:40 holds no place, as .*tiny has only 12; begin lower"),
-        ("4-9", "6:", "--fit-frames '4-9' is not A:B"),
-        ("4:2", "6:", "--fit-frames '4:2' holds no place"),
-        ("9" * 5000 + ":", "6:", "--fit-frames holds a number"),
+        ("30:40", "6:", "`fit_frames` 30:40 holds no place, as .*tiny has only 12; begin lower"),
+        ("4-9", "6:", "`fit_frames` '4-9' is not A:B"),
+        ("4:2", "6:", "`fit_frames` '4:2' holds no place"),
+        ("9" * 5000 + ":", "6:", "`fit_frames` holds a number"),
     ],
 )
 def test_a_model_is_not_fitted_on_tested_places(tiny_route: Path, fit: str, test: str, says: str) -> None:
@@ -129,18 +129,18 @@ def test_the_words_of_fabmap_have_new_places_and_are_not_centred(tiny_route: Pat
     fit_method(route, build_config(model="fabmap", frames="0:8", words=20, smallest_side=256), tmp_path / "words")
     describers = {"words": open_describer(str(tmp_path / "words")), "hog": open_describer("hog")}
     tested = select_tested(route, ["hog"], Selection(slice(8, None)), "0:8")
-    plain = compare_methods(open_study(tested, Truth(1), Matching()), Methods(describers), tmp_path / "plain")
+    plain = compare_methods(open_study(tested, MatchRule(1), Matching()), Methods(describers), tmp_path / "plain")
     first = plain.metrics()["pairs"][0]["methods"]
     assert set(first["words"]["new_place"]) == {"mean_probability", "above_half"}
     assert "new_place" not in first["hog"]
 
-    study = open_study(tested, Truth(1), Matching("centre"))
+    study = open_study(tested, MatchRule(1), Matching("centre"))
     methods = Methods(describers, left_out={"x": "absent"})
     centred = compare_methods(study, methods, tmp_path / "centred")
     assert set(centred.describers) == {"hog"}
     assert centred.left_out["x"] == "absent"
-    assert "--standardise centre does not apply to the words of fabmap" in centred.left_out["words"]
-    with pytest.raises(ConfigError, match="--standardise centre does not apply"):
+    assert "`standardise` centre does not apply to the words of fabmap" in centred.left_out["words"]
+    with pytest.raises(ConfigError, match="`standardise` centre does not apply"):
         compare_methods(study, Methods({"words": describers["words"]}), tmp_path / "words-alone")
 
 
@@ -163,7 +163,7 @@ def test_the_fitted_baselines_stand_beside_the_others(tiny_route: Path, tmp_path
     assert {label: one.metric for label, one in ready.describers.items()} == {
         "cae": "cosine", "words": "place-posterior", "hog": "cosine",
     }  # fmt: skip
-    comparison = compare_methods(open_study(tested, Truth(1), Matching()), ready, tmp_path / "plain")
+    comparison = compare_methods(open_study(tested, MatchRule(1), Matching()), ready, tmp_path / "plain")
     metrics = comparison.metrics()
     first = metrics["pairs"][0]["methods"]
     assert set(first["words"]["new_place"]) == {"mean_probability", "above_half"}
@@ -172,11 +172,11 @@ def test_the_fitted_baselines_stand_beside_the_others(tiny_route: Path, tmp_path
     write_comparison(comparison, tmp_path / "report", title="all", details={})
     assert (tmp_path / "report" / "report.html").is_file()
 
-    study = open_study(tested, Truth(1), Matching("centre"))
+    study = open_study(tested, MatchRule(1), Matching("centre"))
     unmeasured = replace(ready, left_out={"x": "absent"}, sources={})
     centred = compare_methods(study, unmeasured, tmp_path / "centred")
     assert set(centred.describers) == {"cae", "hog"}
     assert centred.left_out["x"] == "absent"
-    assert "--standardise centre does not apply to the words of fabmap" in centred.left_out["words"]
-    with pytest.raises(ConfigError, match="--standardise centre does not apply"):
+    assert "`standardise` centre does not apply to the words of fabmap" in centred.left_out["words"]
+    with pytest.raises(ConfigError, match="`standardise` centre does not apply"):
         compare_methods(study, Methods({"words": ready.describers["words"]}), tmp_path / "words-alone")

@@ -11,12 +11,13 @@ from PIL import Image
 from tests.experiments.comparing import MEASURED, OPTIONS, compare, refused
 
 from everplace.experiments.comparison import COSTS, SCORES
-from everplace.experiments.evaluation import evaluate_retrieval, write_evaluation
+from everplace.experiments.evaluation import evaluate_retrieval
+from everplace.experiments.evaluation_report import write_evaluation
 from everplace.experiments.manifest import DEFINITIONS, open_study
 from everplace.match.matching import Matching
 from everplace.route.route import open_route
 from everplace.route.selection import Selection, select
-from everplace.scoring.retrieval import Truth, retrieve
+from everplace.scoring.retrieval import MatchRule, retrieve
 
 
 def without_measured(metrics: Any) -> Any:
@@ -52,7 +53,9 @@ def test_two_runs_have_equal_manifests_and_metrics(finished: Path, tmp_path: Pat
 
 def test_a_manifest_tells_the_images_of_the_chosen_frames(finished: Path) -> None:
     route = open_route(finished / "tiny")
-    same, other = (open_study(select(route, Selection(slice(first, None))), Truth(), Matching()) for first in (2, 3))
+    same, other = (
+        open_study(select(route, Selection(slice(first, None))), MatchRule(), Matching()) for first in (2, 3)
+    )
     traverses = manifest_of(finished / "c")["traverses"]
     assert same.document["traverses"] == traverses
     assert [one["sha256"] for one in other.document["traverses"]] != [one["sha256"] for one in traverses]
@@ -122,12 +125,12 @@ def test_other_images_or_a_foreign_manifest_are_refused(finished_copy: Path) -> 
 
 def test_the_key_depends_on_study_and_settings_alone(tiny_route: Path) -> None:
     route = open_route(tiny_route)
-    study = open_study(route, Truth(), Matching())
-    assert study.key({"a": 1, "b": 2}) == open_study(route, Truth(1), Matching()).key({"b": 2, "a": 1})
+    study = open_study(route, MatchRule(), Matching())
+    assert study.key({"a": 1, "b": 2}) == open_study(route, MatchRule(1), Matching()).key({"b": 2, "a": 1})
     others = [
         study.key({"a": 1, "b": 3}),
-        open_study(route, Truth(2), Matching()).key({"a": 1, "b": 2}),
-        open_study(route, Truth(), Matching(sequence=2)).key({"a": 1, "b": 2}),
-        open_study(select(route, Selection(slice(1, None))), Truth(), Matching()).key({"a": 1, "b": 2}),
+        open_study(route, MatchRule(2), Matching()).key({"a": 1, "b": 2}),
+        open_study(route, MatchRule(), Matching(sequence=2)).key({"a": 1, "b": 2}),
+        open_study(select(route, Selection(slice(1, None))), MatchRule(), Matching()).key({"a": 1, "b": 2}),
     ]
     assert len({study.key({"a": 1, "b": 2}), *others}) == 5

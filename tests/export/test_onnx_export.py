@@ -18,8 +18,8 @@ from everplace.cli import main
 from everplace.describe.describer import Describer
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MachineError, MissingExtraError
-from everplace.experiments.evaluation import seen_places
 from everplace.experiments.recipe_names import named_recipe
+from everplace.experiments.trust import seen_places
 from everplace.export import onnx_export as export
 from everplace.export.onnx_export import export_onnx
 from everplace.model.checkpoint import save_checkpoint
@@ -153,7 +153,7 @@ def test_the_network_says_how_its_run_was_trained(
 def test_a_toml_of_another_kind_is_not_replaced(tmp_path: Path) -> None:
     run = saved_run(tmp_path / "run")
     before = (run / "config.toml").read_text()
-    with pytest.raises(ConfigError, match=r"--onnx would replace .*config\.toml, which is of another kind"):
+    with pytest.raises(ConfigError, match=r"TOML would replace .*config\.toml, which is of another kind"):
         export_onnx(run, run / "config.onnx")
     assert (run / "config.toml").read_text() == before
     assert not (run / "config.onnx").exists()

@@ -47,7 +47,7 @@ def test_frames_are_counted_and_told() -> None:
     (note,) = scale.notes("winter")
     assert "2 of 3 16-bit frames of winter use less than a sixteenth" in note
     assert "values 50 to 2147" in note
-    assert "--set range=50:2148" in note
+    assert "`range=50:2148`" in note
 
 
 def test_values_that_are_cut_off_and_an_option_without_effect_are_told() -> None:

@@ -151,9 +151,17 @@ def test_route_toml_says_what_directories_cannot(run: Run, tmp_path: Path) -> No
     ]
     assert (route.radius, route.tolerance, route.protocol) == (25.0, None, "p")
     assert (summary.radius, summary.protocol, summary.notes) == (25, "p", notes)
+    assert (route.truth_origin, route.aligned_by) == (None, None)
     text = (tmp_path / "out/route.toml").read_text()
     assert "# First note.\n# Second.\n" in text
     assert "summer" not in text
+
+
+def test_route_toml_says_where_the_truth_came_from(run: Run, tmp_path: Path) -> None:
+    drives = (ForeignTraverse(name, iter([ForeignFrame("1", GREY)])) for name in "ab")
+    run(ForeignRoute(drives, truth_from='the pairs of "a.csv"', aligned_by="hog16+efficientnet"))
+    route = open_route(tmp_path / "out")
+    assert (route.truth_origin, route.aligned_by) == ('the pairs of "a.csv"', "hog16+efficientnet")
 
 
 @pytest.mark.parametrize(

@@ -125,3 +125,10 @@ def test_a_route_lists_its_traverses_and_knows_names_and_conditions(tmp_path: Pa
     assert "c" not in route
     assert repr(route) == f"Route({tmp_path}: a (1), b (1))"
     assert repr(route["b"]) == "Traverse(b, night: 1 frames)"
+
+
+def test_a_route_says_where_its_truth_came_from_if_it_knows(tiny_route: Path) -> None:
+    assert (open_route(tiny_route).truth_origin, open_route(tiny_route).aligned_by) == (None, None)
+    (tiny_route / "route.toml").write_text('truth_from = "pairs set by hand"\naligned_by = "hog"\n')
+    route = open_route(tiny_route).choose(["summer"])
+    assert (route.truth_origin, route.aligned_by) == ("pairs set by hand", "hog")

@@ -44,8 +44,8 @@ def test_everything_that_can_be_said(tmp_path: Path) -> None:
     [
         (
             "tolerence = 1",
-            "unknown key 'tolerence' in .*route.toml; known here: aligned, ignore, protocol, radius, tolerance, "
-            "traverses, truth",
+            "unknown key 'tolerence' in .*route.toml; known here: aligned, aligned_by, ignore, protocol, radius, "
+            "tolerance, traverses, truth, truth_from",
         ),
         (
             '[traverses.jan]\ncolour = "red"',
@@ -61,6 +61,8 @@ def test_everything_that_can_be_said(tmp_path: Path) -> None:
         ('radius = 2.0\ntruth = "truth.csv"', "radius and truth exclude each other"),
         ('truth = ""', "wrong value of 'truth'"),
         ('ignore = "thumbs"', "wrong value of 'ignore'"),
+        ("truth_from = ''", "wrong value of 'truth_from'"),
+        ("aligned_by = 3", "wrong value of 'aligned_by'"),
         ("[traverses.jan]\npattern = 'a/*.png'", "wrong value of 'traverses.jan.pattern'"),
         ("[traverses.jan]\ncondition = ''", "wrong value of 'traverses.jan.condition'"),
         ("traverses = 3", "wrong value of 'traverses'"),

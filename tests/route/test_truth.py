@@ -11,7 +11,14 @@ from tests.fuzzing import fuzzed
 from everplace.errors import ConfigError, RouteError
 from everplace.route.natural_order import natural_key, natural_sorted
 from everplace.route.traverse import Traverse
-from everplace.route.truth import TruthPair, TruthTable, truth_by_pose, truth_by_position, write_truth
+from everplace.route.truth import (
+    TruthPair,
+    TruthTable,
+    tolerance_band,
+    truth_by_pose,
+    truth_by_position,
+    write_truth,
+)
 
 
 def drive(stems: list[str], positions: list[tuple[float, float]] | None = None) -> Traverse:
@@ -31,6 +38,18 @@ def test_tolerance_counts_places_not_digits() -> None:
         [True, True, True],
         [False, True, True],
     ]
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    query=st.lists(st.integers(-40, 40), max_size=9),
+    database=st.lists(st.integers(-40, 40), max_size=9),
+    tolerance=st.integers(0, 90),
+)
+def test_a_band_is_what_is_at_most_so_many_places_apart(query: list[int], database: list[int], tolerance: int) -> None:
+    band = tolerance_band(query, database, tolerance)
+    assert band.shape == (len(query), len(database))
+    assert band.tolist() == [[abs(row - column) <= tolerance for column in database] for row in query]
 
 
 @pytest.mark.parametrize("tolerance", [3, 2**63 - 1, 10**20])

@@ -200,5 +200,5 @@ def test_wrong_use_is_refused() -> None:
         RouteFilter(3, reach=-1)
     with pytest.raises(DescriptorsError, match="map of 3 places"):
         RouteFilter(3).update(np.ones(4))
-    with pytest.raises(ConfigError, match="--sequence 0 "):
+    with pytest.raises(ConfigError, match="a sequence of 0 frames"):
         filter_windows(np.ones((2, 2)), 0)

@@ -12,13 +12,13 @@ import pytest
 import torch
 
 from everplace.errors import DivergedError
-from everplace.images.decoding import map_ahead
 from everplace.model.checkpoint import load_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.model_config import MODEL_KINDS, ModelConfig
 from everplace.model.pixels import to_input
 from everplace.model.place_head import PlaceHead
 from everplace.route.route import Route
+from everplace.threads import map_ahead
 from everplace.training import devices
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train

@@ -31,6 +31,7 @@ from everplace.model.condition_vae import ConditionVAE
 from everplace.model.inference import inference
 from everplace.model.pixels import to_input
 from everplace.model.posterior import ACTIVE_ABOVE, BLOCKS, LatentSplit
+from everplace.route.truth import tolerance_band
 from everplace.scoring.scores import evaluate
 
 __all__ = ["Audit", "Latents", "Probe", "SwapError", "audit", "encode_frames"]
@@ -171,13 +172,14 @@ def audit(
         RouteError: There are fewer than two traverses or fewer than four places.
     """
     if len(frames) < 2 or len(frames[0]) < 4:
-        raise RouteError("the leakage audit needs two traverses of at least four shared places; widen --frames")
+        raise RouteError("the leakage audit needs two traverses of at least four shared places; widen `frames`")
     latents = [encode_frames(model, pixels) for pixels in frames]
     mean_kl = model.split.blocks(np.mean([part.kl for part in latents], axis=0))
     kl = {symbol: mean_kl[block] for block, symbol in BLOCKS.items()}
     z = {symbol: [model.split.blocks(part.z)[block] for part in latents] for block, symbol in BLOCKS.items()}
     z["z"] = [part.z for part in latents]
-    truth = _truth(len(frames[0]), tolerance)
+    places = range(len(frames[0]))
+    truth = tolerance_band(places, places, tolerance)
     return Audit(
         condition_from_z_p=_probe(z["z_p"], conditions),
         condition_from_z_c=_probe(z["z_c"], conditions),
@@ -219,13 +221,6 @@ def _probe(blocks: Sequence[NDArray[np.float32]], conditions: Sequence[str]) -> 
             scores.append(fitted.score(values[~fit], classes[~fit]))
         accuracy[name] = float(np.mean(scores))
     return Probe(**accuracy, chance=max(shares))
-
-
-def _truth(places: int, tolerance: int) -> NDArray[np.bool_]:
-    """P×P: which places are at most so many apart."""
-    position = np.arange(places)
-    truth: NDArray[np.bool_] = np.abs(position[:, None] - position[None, :]) <= tolerance
-    return truth
 
 
 def _recall(blocks: Sequence[NDArray[np.float32]], truth: NDArray[np.bool_]) -> float:

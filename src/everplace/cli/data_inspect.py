@@ -39,6 +39,7 @@ def inspect(
         require_picture(sheet, route, "--sheet")
     from everplace.route.inspection import inspect_route
     from everplace.route.route import open_route
+    from everplace.route.spelling import spelling_hint
 
     opened = open_route(route)
     found = inspect_route(opened, show_progress())
@@ -48,6 +49,8 @@ def inspect(
 
         save_figure(contact_sheet(opened, found.kept, count=places), sheet)
     for traverse in found.traverses:
+        if hint := spelling_hint(traverse.missing, traverse.traverse.stems, ""):
+            warn(f"{traverse.traverse.name} lacks places that it may have: {hint}")
         for problem in traverse.unreadable.values() if not as_json else ():
             warn(problem)
     result = _result(opened, found, None if as_json else _SHOWN)
@@ -62,6 +65,8 @@ def _result(route: Route, found: Inspection, shown: int | None) -> dict[str, Any
         "tolerance": route.tolerance,
         "radius": route.radius,
         "protocol": route.protocol,
+        "truth_from": route.truth_origin,
+        "aligned_by": route.aligned_by,
         "dark_places": int(found.dark.sum()),
         "stationary_places": int(found.stationary.sum()),
         "unreadable_places": int(found.broken.sum()),

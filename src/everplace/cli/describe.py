@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from everplace.choices import DescriptorFormat
-from everplace.cli.options import Json, OutFile
+from everplace.cli.options import Json, OutFile, given_pairs
 from everplace.cli.output import (
     require_file,
     require_no_frame,
+    require_other,
     show_progress,
     show_result,
+    warn,
 )
 from everplace.errors import ConfigError
 from everplace.files import readable
@@ -25,7 +28,7 @@ def describe(
     method: Annotated[
         str, typer.Argument(metavar="METHOD", help="A run directory, or sad, hog, alexnet, vgg19, hub:..., onnx:...")
     ],
-    images: Annotated[Path, typer.Argument(metavar="IMAGES", help="Directory of images.")],
+    images: Annotated[Path, typer.Argument(metavar="IMAGES", help="Directory of images, a video, or a ROS bag.")],
     *,
     out: OutFile,
     batch: Annotated[
@@ -39,23 +42,43 @@ def describe(
             "--image-root", metavar="DIR", help="Directory above IMAGES from which the image files are named [IMAGES]."
         ),
     ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="NAME=VALUE", help="An option of a video or bag, such as every_seconds=0.5; see data list."
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Describe every image of a directory; FILE.h5 gets the descriptors and the names.
+    """Describe every image of a directory, or every frame of a video; FILE.h5 gets the descriptors and the names.
+
+    The frames of a video or bag are called by their numbers in it.
 
     With --image-root my-route the images are called winter/1.png, as hloc and kapture want them.
 
     Example: everplace describe runs/cp-vae my-route/winter --out winter.h5
     """
     require_file(out)
+    require_other(out, images)
     if out.suffix.lower() not in (".h5", ".hdf5"):
         require_no_frame(out, images.parent)
     below = _below(images, image_root)
+    options = given_pairs(settings)
+    from everplace.describe.recorded_frames import RecordedFrames, is_recording, open_recording
     from everplace.describe.registry import open_describer
     from everplace.route.folder import open_traverse
 
+    opened = open_recording(images, options) if is_recording(images) else open_traverse(images)
+    if isinstance(opened, RecordedFrames):
+        if image_root is not None:
+            raise ConfigError(f"--image-root names image files, which {readable(images)} does not hold; leave it out")
+    elif options:
+        raise ConfigError(f"--set is for videos and bags, and {readable(images)} holds images; leave it out")
     describer = open_describer(method, progress=show_progress())
-    described = describer.describe(open_traverse(images), batch=batch, progress=show_progress())
+    described = describer.describe(opened, batch=batch, progress=show_progress())
+    if isinstance(opened, RecordedFrames):
+        for note in opened.notes:
+            warn(note)
     if below:
         described = described.under(below)
     if file_format == "hloc":
@@ -79,10 +102,18 @@ def _below(images: Path, root: Path | None) -> str:
     """The way from the root to the images, with slashes; empty where they are the same."""
     if root is None:
         return ""
-    try:
-        below = images.resolve().relative_to(root.resolve())
-    except ValueError:
-        raise ConfigError(
-            f"--image-root {readable(root)} is not above {readable(images)}; name a directory that the images lie in"
-        ) from None
-    return "" if below == Path() else below.as_posix()
+    # As the path is given, before links are followed: a drive may be a link in its route to where it was recorded.
+    for path in (images.absolute(), images.resolve()):
+        for above in (path, *path.parents):
+            if _same(above, root):
+                below = path.relative_to(above)
+                return "" if below == Path() else below.as_posix()
+    raise ConfigError(
+        f"--image-root {readable(root)} is not above {readable(images)}; name a directory that the images lie in"
+    )
+
+
+def _same(path: Path, other: Path) -> bool:
+    with contextlib.suppress(OSError):
+        return path.samefile(other)
+    return False

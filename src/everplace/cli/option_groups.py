@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from everplace.progress import Progress
     from everplace.route.route import Route
     from everplace.route.selection import Selection
-    from everplace.scoring.retrieval import Retrieval, Truth
+    from everplace.scoring.retrieval import MatchRule, Retrieval
 
 __all__ = [
     "MatchingOptions",
@@ -71,11 +71,11 @@ class TruthOptions:
     tolerance: options.Tolerance = None
     radius: options.Radius = None
 
-    def truth(self) -> Truth:
+    def truth(self) -> MatchRule:
         """What is given of it."""
-        from everplace.scoring.retrieval import Truth
+        from everplace.scoring.retrieval import MatchRule
 
-        return Truth(self.tolerance, self.radius)
+        return MatchRule(self.tolerance, self.radius)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,15 +100,18 @@ class RetrievalOptions(MatchingOptions, TruthOptions, SelectionOptions):  # fiel
     method: options.Method
     database: options.Database
     query: options.Query
+    query_frames: options.QueryFrames = ""
 
     def retrieve(self, route: Path, progress: Progress) -> Retrieval:
         """Does it; see `everplace.scoring.retrieval.retrieve`."""
         from everplace.route.route import open_route
+        from everplace.route.selection import parse_frames
         from everplace.scoring.retrieval import retrieve
 
+        asking = parse_frames(self.query_frames, "--query-frames") if self.query_frames else None
         return retrieve(
             open_route(route), self.query, self.database, self.method, tolerance=self.tolerance, radius=self.radius,
-            selection=self.selection(), matching=self.matching(), progress=progress,
+            selection=self.selection(), matching=self.matching(), query_frames=asking, progress=progress,
         )  # fmt: skip
 
 

@@ -32,7 +32,7 @@ def open_describer(method: str | os.PathLike[str], *, progress: Progress = quiet
 
     Args:
         method: A run directory (it holds config.toml), "name", or "name:argument"; what the argument means
-            is the method's affair.
+            is the method's affair. Names joined with a plus are methods side by side.
         progress: Told of what has to be downloaded first, such as published weights.
 
     Raises:
@@ -44,6 +44,11 @@ def open_describer(method: str | os.PathLike[str], *, progress: Progress = quiet
     if method and os.path.isfile(os.path.join(method, "config.toml")):  # noqa: PTH113, PTH118
         kind = kind_of_run(Path(method))
         return _open(runs, kind if kind in _modules(runs) else "trained", method, progress)
+    parts = method.split("+")
+    if len(parts) > 1 and all(part.partition(":")[0] in method_names() for part in parts):
+        from everplace.describe.joined import JoinedDescriber
+
+        return JoinedDescriber([open_describer(part, progress=progress) for part in parts])
     name, _, argument = method.partition(":")
     if name in method_names():
         return _open(methods, name, argument, progress)

@@ -13,7 +13,6 @@ from everplace.experiments.comparison_methods import Methods, fit, run_of
 from everplace.experiments.comparison_report import write_comparison
 from everplace.experiments.manifest import open_study
 from everplace.experiments.recipe_names import named_method
-from everplace.images.decoding import usable_cores
 from everplace.match.matching import Matching
 from everplace.model.checkpoint import load_checkpoint
 from everplace.plots.canvas import new_figure
@@ -23,7 +22,8 @@ from everplace.render.render_config import render_config
 from everplace.render.rendered_route import render_route
 from everplace.route.route import open_route
 from everplace.route.selection import Selection, parse_frames, select
-from everplace.scoring.retrieval import Truth
+from everplace.scoring.retrieval import MatchRule
+from everplace.threads import usable_cores
 from everplace.training.fitted_methods import build_config
 from everplace.training.metrics_table import read_metrics
 
@@ -99,7 +99,7 @@ def run_demo(
     describers |= {name: open_describer(name) for name in ("sad", "hog")}
     tested = select(route, Selection(parse_frames(settings.tested)), progress)
     sources = {label: str(run_of(out, label)) if label in MODELS else label for label in describers}
-    study = open_study(tested, Truth(), Matching(), split={"frames": settings.tested}, progress=progress)
+    study = open_study(tested, MatchRule(), Matching(), split={"frames": settings.tested}, progress=progress)
     comparison = compare_methods(
         study,
         Methods(describers, sources, fit={"frames": settings.trained}),

@@ -11,12 +11,9 @@ from __future__ import annotations
 import os
 import stat
 import struct
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -28,6 +25,7 @@ from everplace.files import readable
 from everplace.images.formats import MAX_PIXELS, decode_bytes
 from everplace.images.heif import HEIF_ENDINGS
 from everplace.images.sixteen_bits import SixteenBits
+from everplace.threads import map_ahead
 
 __all__ = [
     "BROKEN_IMAGE_ERRORS",
@@ -40,14 +38,9 @@ __all__ = [
     "decode_image",
     "decode_images",
     "is_image_name",
-    "map_ahead",
     "read_image_bytes",
     "resize_image",
-    "usable_cores",
 ]
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 IMAGE_ENDINGS = frozenset(
     {".bmp", ".jfif", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp", *HEIF_ENDINGS}
@@ -187,31 +180,6 @@ def decode_images(paths: Sequence[Path], spec: ImageSpec, *, threads: int | None
     return map_ahead(lambda path: decode_image(path, spec), paths, threads=threads)
 
 
-def map_ahead(function: Callable[[T], R], items: Iterable[T], *, threads: int | None = None) -> Iterator[R]:
-    """Applies a function to items in order, some ahead of the reader.
-
-    Args:
-        function: Called in several threads at once.
-        items: Its arguments.
-        threads: How many; None: one for each usable core, at most 8. Two results a thread are held ahead.
-
-    Yields:
-        What it returns, in the order of `items`. What it raises is raised when the reader reaches it.
-    """
-    threads = threads or min(8, usable_cores())
-    pool = ThreadPoolExecutor(threads, thread_name_prefix="ahead")
-    ahead: deque[Future[R]] = deque()
-    try:
-        for item in items:
-            ahead.append(pool.submit(function, item))
-            if len(ahead) > 2 * threads:
-                yield ahead.popleft().result()
-        while ahead:
-            yield ahead.popleft().result()
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
 def is_image_name(name: str) -> bool:
     """Says whether a file's name ends as an image's does, in capitals or not."""
     return name.lower().endswith(_ENDINGS)
@@ -259,13 +227,6 @@ def resize_image(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.
     if smaller != size:
         image = _uint8(cv2.resize(image, (size[1], size[0]), interpolation=cv2.INTER_LINEAR))
     return image if image.ndim == 3 else image[:, :, np.newaxis]
-
-
-def usable_cores() -> int:
-    """Returns the number of cores this process may use (a container's share, where the system tells)."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _uint8(array: object) -> NDArray[np.uint8]:

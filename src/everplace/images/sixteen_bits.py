@@ -61,7 +61,7 @@ class SixteenBits:
     def notes(self, drive: str) -> list[str]:
         """Returns sentences that the user should read once the frames of a drive were scaled."""
         if not self.frames:
-            return [] if self.is_whole else [f"No frame of {drive} has 16 bits, so range and bits change nothing."]
+            return [] if self.is_whole else [f"No frame of {drive} has 16 bits, so `range` and `bits` change nothing."]
         notes = []
         if self._cut_off:
             notes.append(
@@ -73,7 +73,7 @@ class SixteenBits:
             notes.append(
                 f"{len(self._narrow)} of {self.frames} 16-bit frames of {drive} use less than a sixteenth of their "
                 f"range (values {low} to {high}), so few grey levels are left; import all drives with one scale, such "
-                f"as --set range={low}:{high + 1}, or --set bits=N for a camera of N bits."
+                f"as `range={low}:{high + 1}`, or `bits=N` for a camera of N bits."
             )
         return notes
 

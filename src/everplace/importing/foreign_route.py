@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Protocol, TypeAlias
@@ -17,6 +18,7 @@ from everplace.route.truth import TruthPair
 from everplace.settings import Settings
 
 __all__ = [
+    "NOT_KNOWN",
     "Content",
     "Encoded",
     "ForeignFrame",
@@ -25,7 +27,11 @@ __all__ = [
     "ScaledOptions",
     "Source",
     "SourceOptions",
+    "is_placed",
 ]
+
+NOT_KNOWN = Pose(math.nan, math.nan, math.nan)
+"""The pose of a frame near which a recording says that it did not know where it was: the frame is left out."""
 
 
 class Encoded(NamedTuple):
@@ -62,6 +68,11 @@ class ForeignFrame(NamedTuple):
     scale: SixteenBits | None = None
 
 
+def is_placed(frame: ForeignFrame) -> bool:
+    """Whether a frame's pose is known, or nothing is said of it."""
+    return frame.pose is None or not math.isnan(frame.pose.x)
+
+
 @dataclass(frozen=True)
 class ForeignTraverse:
     """One drive as a source gives it.
@@ -89,18 +100,24 @@ class ForeignRoute:
         radius: Metres by which a match may be off, if it says so; not beside `tolerance`.
         truth: Which frames show the same place, where neither stems nor poses tell it: read once, after the
             traverses, and every frame it names is in them; not beside `tolerance` or `radius`.
-        notes: Sentences that the user should read: what was left out and why, licence, protocol.
+        notes: Sentences that the user should read: what was left out and why, licence, protocol; some may come while
+            the traverses are read.
         protocol: The published protocol that chose the frames and the tolerance; empty: none.
         aligned: Whether equal stems in two traverses are the same place.
+        truth_from: Where the knowledge of which frames show the same place comes from, as a part of a sentence; empty:
+            the source does not tell.
+        aligned_by: The method on whose descriptors the drives were aligned; empty: not by images.
     """
 
     traverses: Iterator[ForeignTraverse]
     tolerance: int | None = None
     radius: float | None = None
     truth: Iterator[TruthPair] | None = None
-    notes: tuple[str, ...] = ()
+    notes: Sequence[str] = ()
     protocol: str = ""
     aligned: bool = True
+    truth_from: str = ""
+    aligned_by: str = ""
 
 
 def _parse_range(value: object) -> object:

@@ -152,8 +152,8 @@ def _route_toml(comments: Sequence[str], route: ForeignRoute, conditions: Mappin
         table["radius"] = float(route.radius)
     if route.truth is not None:
         table["truth"] = TRUTH_CSV
-    if route.protocol:
-        table["protocol"] = route.protocol
+    said = {"truth_from": route.truth_from, "aligned_by": route.aligned_by, "protocol": route.protocol}
+    table |= {name: text for name, text in said.items() if text}
     differing = {name: {"condition": condition} for name, condition in conditions.items() if condition != name}
     if differing:
         table["traverses"] = differing

@@ -76,7 +76,7 @@ def read_options(kind: str, options: type[_Options], given: Mapping[str, str]) -
         problem = first_problem(error, options)
         name = problem.setting.partition(".")[0]  # an item of a list is told by the list
         if name in given:
-            raise ConfigError(f"--set {name}={readable(given[name])} cannot be: {problem.reason}") from error
+            raise ConfigError(f"`{name}`={readable(given[name])} cannot be: {problem.reason}") from error
         raise ConfigError(f"options of the kind {kind!r}: {problem.reason}") from error
 
 

@@ -10,12 +10,19 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from everplace.errors import ConfigError
+from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.images.frame_names import counted_endings
-from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, ScaledOptions
+from everplace.importing.foreign_route import (
+    ForeignFrame,
+    ForeignRoute,
+    ForeignTraverse,
+    ScaledOptions,
+    is_placed,
+)
 from everplace.importing.frame_pixels import parse_size, resized, scaled
 from everplace.importing.sampling import sample_by_change, sample_by_distance, sample_by_number, sample_by_time
+from everplace.route.route_toml import RouteToml
 
 __all__ = ["Drive", "RecordingOptions", "passed_over", "recorded_route"]
 
@@ -51,7 +58,8 @@ class RecordingOptions(ScaledOptions):
     """Seconds up to which a pose may be away from the frame it is for; between two that are near enough it is
     interpolated."""
     without_pose: Literal["refuse", "drop"] = "refuse"
-    """What to do where a recording has poses but none near a frame: refuse, or drop the frame."""
+    """What to do where a recording has poses but none near a frame: refuse, or drop the frame. Frames at which a
+    receiver says that it has no fix are left out in any case."""
 
     @model_validator(mode="after")
     def _one_sampling(self) -> RecordingOptions:
@@ -67,7 +75,8 @@ class Drive:
 
     Attributes:
         name: What the traverse will be called.
-        frames: All frames in order; closing it releases what it reads from.
+        frames: All frames in order; closing it releases what it reads from. Those whose pose is `NOT_KNOWN` are left
+            out, and the others keep their numbers.
         count: How many will come, if known.
         named: The stems of `frames` are names that stay; otherwise the frames that are kept are numbered.
     """
@@ -94,7 +103,12 @@ def passed_over(directory: Path, names: Sequence[str], what: str, endings: tuple
 
 
 def recorded_route(
-    source: Path, drives: Sequence[Drive], options: RecordingOptions, notes: Sequence[str] = (), *, aligned: bool = True
+    source: Path,
+    drives: Sequence[Drive],
+    options: RecordingOptions,
+    notes: Sequence[str] = (),
+    *,
+    told: RouteToml | None = None,
 ) -> ForeignRoute:
     """Makes a route of recordings: samples, resizes and names their frames.
 
@@ -103,44 +117,87 @@ def recorded_route(
         drives: At least one, in natural order of their names.
         options: What the user wants.
         notes: Sentences for the user.
-        aligned: Whether equal stems are the same place, where the options do not say it.
+        told: The route.toml of the route that the recordings are; None: they are none.
 
     Raises:
         ConfigError: There are not as many conditions as drives.
     """
     if options.conditions and len(options.conditions) != len(drives):
         raise ConfigError(
-            f"--set conditions names {len(options.conditions)} conditions, but {readable(source)} holds {len(drives)} "
+            f"`conditions` names {len(options.conditions)} conditions, but {readable(source)} holds {len(drives)} "
             f"drives: {', '.join(readable(drive.name) for drive in drives)}; name one for each, in this order"
         )
     conditions = options.conditions or tuple("" for _ in drives)
-    aligned = aligned if options.aligned is None else options.aligned
-    if aligned and options.stems == "shared" and len(drives) > 1 and not all(drive.named for drive in drives):
-        notes = (
-            *notes,
+    said = list(notes)
+    told = told or RouteToml()
+    # Numbers that the import gives are others than those of which a route.toml speaks.
+    aligned = (options.stems != "file" or told.aligned) if options.aligned is None else options.aligned
+    in_step = aligned and options.stems != "own" and len(drives) > 1
+    numbered = in_step and options.stems == "shared" and not all(drive.named for drive in drives)
+    if numbered:
+        said.append(
             "The frames of each drive are numbered from 000000 on, and the same number counts as the same place; for "
-            "drives that are not in step, import with --set stems=own and align them.",
+            "drives that are not in step, import with `stems=own` and align them."
         )
     return ForeignRoute(
         traverses=(
-            ForeignTraverse(drive.name, _kept_frames(drive, options), condition, _kept_count(drive, options))
+            ForeignTraverse(drive.name, _kept_frames(drive, options, said), condition, _kept_count(drive, options))
             for drive, condition in zip(drives, conditions, strict=True)
         ),
-        notes=tuple(notes),
+        notes=said,
         aligned=aligned,
+        truth_from=_truth_from(told, numbered=numbered) if in_step else "",
+        aligned_by=(told.aligned_by or "") if in_step else "",
     )
 
 
-def _kept_frames(drive: Drive, options: RecordingOptions) -> Iterator[ForeignFrame]:
-    """Yields the frames that stay, as they will be called."""
+def _truth_from(told: RouteToml, *, numbered: bool) -> str:
+    """Says where it comes from that equal stems are the same place: from what a route says of its own, if it does."""
+    if told.truth_from and told.aligned and told.radius is None and told.truth is None:
+        return told.truth_from
+    return "equal numbers of frames, the drives taken to be in step" if numbered else "equal names of frames"
+
+
+def _kept_frames(drive: Drive, options: RecordingOptions, notes: list[str]) -> Iterator[ForeignFrame]:
+    """Yields the frames that stay, as they will be called, and notes how many had no position.
+
+    Raises:
+        RouteError: None stays, since none has a position.
+    """
     prefix = f"{drive.name}-" if options.stems == "own" else ""
-    frames = scaled(drive.frames, options.scale())
+    lost = kept = 0
+
+    def known(frames: Iterator[ForeignFrame]) -> Iterator[ForeignFrame]:
+        nonlocal lost
+        for frame in frames:
+            if is_placed(frame):
+                yield frame
+            else:
+                lost += 1
+
+    # Where frames are compared, those that will not stay take no part. Elsewhere they count, and have a number, so that
+    # drives which are in step stay so.
+    compared = options.change is not None or options.every_metres is not None
+    frames = scaled(known(drive.frames) if compared else drive.frames, options.scale())
     # The generators between here and the recording know nothing of closing it.
     with contextlib.ExitStack() as stack:
-        stack.callback(getattr(frames, "close", lambda: None))
+        stack.callback(getattr(drive.frames, "close", lambda: None))
         for number, frame in enumerate(resized(_sampled(frames, options), options.size)):
+            if not is_placed(frame):
+                lost += 1
+                continue
+            kept += 1
             stays = drive.named or options.stems == "file"
             yield frame._replace(stem=prefix + (frame.stem if stays else f"{number:06d}"))
+    if lost and not kept:
+        raise RouteError(
+            f"no frame of {readable(drive.name)} has a position, since the receiver had no fix near any of them; "
+            "import without positions, `poses=none`"
+        )
+    if lost:
+        notes.append(
+            f"Frames of {readable(drive.name)} that were left out, since the receiver had no fix near them: {lost}."
+        )
 
 
 def _sampled(frames: Iterator[ForeignFrame], options: RecordingOptions) -> Iterator[ForeignFrame]:

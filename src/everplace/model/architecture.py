@@ -7,7 +7,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from everplace.adapt.oriented_gradients import OrientedGradients
+from everplace.adaptation.oriented_gradients import OrientedGradients
 from everplace.model.model_config import ModelConfig
 from everplace.model.posterior import LatentSplit, Posterior
 

@@ -88,7 +88,11 @@ def render_route(out: Path, config: RenderConfig, *, progress: Progress = quiet,
             frames = _frames(drive, poses.tolist(), config.size, pool)
             shown = progress(frames, f"rendering {condition}", config.places)
             _write_traverse(directory / condition, config, poses, shown)
-        table = {"tolerance": 1, "traverses": {name: {"condition": name} for name in config.conditions}}
+        table = {
+            "tolerance": 1,
+            "truth_from": "the rendered world",
+            "traverses": {name: {"condition": name} for name in config.conditions},
+        }
         (directory / "route.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
         if out.is_dir():
             out.rmdir()  # it was empty; a rename onto it would fail on Windows

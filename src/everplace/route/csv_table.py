@@ -16,6 +16,7 @@ from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.git_lfs import refuse_pointer
 from everplace.regular_files import open_regular_text
+from everplace.route.spelling import spelling_hint
 
 __all__ = ["CsvTable", "TableRow", "read_poses", "read_times"]
 
@@ -167,6 +168,7 @@ def _of_frames(
     """Returns N×K numbers in the order of the stems."""
     wanted = frozenset(stems)
     found: dict[str, list[float]] = {}
+    others: set[str] = set()
     for row in table:
         stem = row.cells["stem"]
         values = row.floats(columns, f"a stem and {numbers}")
@@ -174,11 +176,14 @@ def _of_frames(
             raise row.wrong(f"names the stem {stem!r} a second time; keep one {what} for each frame")
         if stem in wanted:
             found[stem] = values
+        else:
+            others.add(stem)
     missing = [stem for stem in stems if stem not in found]
     if missing:
         raise RouteError(
             f"{readable(table.path)} has no {what} for {len(missing)} of {len(stems)} frames, the first is "
             f"{missing[0]!r}; add a line for each frame, or move the frames without a {what} out of the route"
+            f"{spelling_hint(missing, others)}"
         )
     array = np.array([found[stem] for stem in stems], dtype=np.float64).reshape(-1, len(columns))
     array.flags.writeable = False

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from everplace.errors import ImageError, StorageError
 from everplace.files import cache_directory, readable
-from everplace.images.decoding import decode_encoded, map_ahead, read_image_bytes
+from everplace.images.decoding import decode_encoded, read_image_bytes
 from everplace.images.formats import image_size
 from everplace.images.sixteen_bits import SixteenBits
 from everplace.progress import Progress, quiet
@@ -29,6 +29,7 @@ from everplace.route.numbering import Gap, find_gaps
 from everplace.route.route import Route
 from everplace.route.selection import FILTER_IMAGE, dark_places, stationary_places
 from everplace.route.traverse import Traverse
+from everplace.threads import map_ahead
 
 __all__ = ["Inspection", "Stretch", "TraverseInspection", "inspect_route"]
 

@@ -12,6 +12,7 @@ from everplace.files import readable
 from everplace.route.folder import read_traverses
 from everplace.route.natural_order import natural_key
 from everplace.route.route_toml import ROUTE_TOML, read_route_toml
+from everplace.route.spelling import spelling_hint
 from everplace.route.traverse import Frame, Pose, Traverse
 from everplace.route.truth import TruthTable
 
@@ -30,6 +31,11 @@ class Route:
         radius: Metres by which a match may be off, if route.toml says so.
         truth: Which frames show the same place, if route.toml names a file of pairs.
         protocol: The published protocol that chose the frames, if route.toml names one.
+        truth_origin: Where the knowledge of which frames show the same place comes from, if route.toml says so; a part
+            of a sentence, such as "positions by GPS within 10 m".
+        aligned_by: The method on whose descriptors equal stems were found to be the same place, if route.toml names
+            one; None: the stems do not come from an alignment by images. Stems are not the truth everywhere (see
+            `matched_by_stem`).
     """
 
     root: Path
@@ -39,6 +45,8 @@ class Route:
     radius: float | None = None
     truth: TruthTable | None = None
     protocol: str | None = None
+    truth_origin: str | None = None
+    aligned_by: str | None = None
 
     @property
     def name(self) -> str:
@@ -64,7 +72,10 @@ class Route:
     def why_not_aligned(self) -> str:
         """What to say of traverses that are not aligned: "<the traverses> ..."."""
         if self.stems_are_places:
-            return "share no stem"
+            first, *others = (traverse.stems for traverse in self.traverses)
+            hints = (spelling_hint(first, stems, " (") for stems in others)
+            hint = next(filter(None, hints), "")
+            return f"share no stem{hint})" if hint else "share no stem"
         return f"are not aligned, as {ROUTE_TOML} says (aligned = false)"
 
     @property
@@ -158,7 +169,9 @@ class Route:
         return frozenset(first.stems).intersection(*(traverse.stems for traverse in others))
 
     def _unknown(self, name: str) -> RouteError:
-        return RouteError(f"{readable(self.root)} has no traverse or condition {name!r}; {self._offer()}")
+        known = (word for traverse in self.traverses for word in (traverse.name, traverse.condition))
+        hint = spelling_hint([name], known)
+        return RouteError(f"{readable(self.root)} has no traverse or condition {name!r}; {self._offer()}{hint}")
 
     def _offer(self) -> str:
         """Says what can be chosen."""
@@ -196,6 +209,8 @@ def open_route(path: str | os.PathLike[str]) -> Route:
         radius=settings.radius,
         truth=truth,
         protocol=settings.protocol,
+        truth_origin=settings.truth_from,
+        aligned_by=settings.aligned_by,
     )
 
 

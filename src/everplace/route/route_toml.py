@@ -6,6 +6,8 @@ All of it is optional:
     tolerance = 1                   # frames: up to here two places count as the same
     radius = 25.0                   # or metres, where there are poses
     truth = "truth.csv"             # or a list of the pairs of frames that show the same place
+    truth_from = "GPS within 10 m"  # where the knowledge of which frames show the same place comes from
+    aligned_by = "hog"              # the method on whose descriptors the drives were aligned, if it was on images
     ignore = ["thumbnails"]         # sub-directories that are no traverses
     protocol = "olid"               # the published protocol that chose the frames, to be named in results
 
@@ -55,6 +57,10 @@ class RouteToml(Settings, strict=True):
     truth: _Text | None = None
     """A CSV file of pairs, from the route's directory (see `route.truth.TruthTable`); None: there is none. Not beside
     the other two."""
+    truth_from: _Text | None = None
+    """Where the knowledge of which frames show the same place comes from, for whoever reads a score; None: not said."""
+    aligned_by: _Text | None = None
+    """The method on whose descriptors the drives were aligned; None: they were not aligned by their images."""
     ignore: tuple[_Text, ...] = Field(default=(), strict=False)
     """Names of sub-directories that are no traverses."""
     protocol: _Text | None = None

@@ -12,13 +12,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.errors import ConfigError, RouteError
+from everplace.errors import ConfigError, NotAlignedError, RouteError
 from everplace.files import readable, whole_file
 from everplace.route.csv_table import CsvTable, TableRow
 from everplace.route.natural_order import natural_sorted
+from everplace.route.spelling import spelling_hint
 from everplace.route.traverse import Traverse
 
-__all__ = ["TRUTH_CSV", "TruthPair", "TruthTable", "truth_by_pose", "truth_by_position", "write_truth"]
+__all__ = [
+    "TRUTH_CSV",
+    "TruthPair",
+    "TruthTable",
+    "tolerance_band",
+    "truth_by_pose",
+    "truth_by_position",
+    "write_truth",
+]
 
 TRUTH_CSV = "truth.csv"
 """What a file of pairs is called by those who write one."""
@@ -164,28 +173,42 @@ def truth_by_position(
 
     Raises:
         ConfigError: The tolerance is negative.
-        RouteError: The traverses share no stem.
+        NotAlignedError: The traverses share no stem.
     """
     if tolerance < 0:
         raise ConfigError(f"tolerance {tolerance} is negative; give 0 or a number of frames")
     if frozenset(query.stems).isdisjoint(database.stems):
-        raise RouteError(
+        raise NotAlignedError(
             f"the traverses {query.name!r} and {database.name!r} share no stem, so nobody knows which frames "
             "show the same place; name frames of the same place alike, find them with `everplace data align`, or add "
-            "poses and give a radius"
+            f"poses and give a radius{spelling_hint(query.stems, database.stems)}"
         )
     place = {stem: rank for rank, stem in enumerate(natural_sorted({*query.stems, *database.stems, *places}))}
+    rows, columns = ([place[stem] for stem in traverse.stems] for traverse in (query, database))
+    return tolerance_band(rows, columns, tolerance)
+
+
+def tolerance_band(query: Sequence[int], database: Sequence[int], tolerance: int) -> NDArray[np.bool_]:
+    """Tells which places are at most so many apart.
+
+    Args:
+        query: The positions of M frames along the way.
+        database: The positions of N frames, in any order.
+        tolerance: Places, 0 or more.
+
+    Returns:
+        M×N bool.
+    """
     # Further than all places is all of them; NumPy's integers end before Python's do.
-    tolerance = min(tolerance, len(place))
-    columns = np.array([place[stem] for stem in database.stems])
+    tolerance = min(tolerance, max([*query, *database], default=0) - min([*query, *database], default=0))
+    rows, columns = np.array(query, dtype=np.int64), np.array(database, dtype=np.int64)
     order = np.argsort(columns)
-    rows = np.array([place[stem] for stem in query.stems])
     first = np.searchsorted(columns[order], rows - tolerance, side="left")
     end = np.searchsorted(columns[order], rows + tolerance, side="right")
-    truth = np.zeros((len(query), len(database)), dtype=np.bool_)
-    for row in range(len(query)):
-        truth[row, order[first[row] : end[row]]] = True
-    return truth
+    band = np.zeros((len(rows), len(columns)), dtype=np.bool_)
+    for row in range(len(rows)):
+        band[row, order[first[row] : end[row]]] = True
+    return band
 
 
 def truth_by_pose(query: Traverse, database: Traverse, radius: float) -> NDArray[np.bool_]:
@@ -206,7 +229,7 @@ def truth_by_pose(query: Traverse, database: Traverse, radius: float) -> NDArray
     from scipy.spatial import KDTree
 
     if not (np.isfinite(radius) and radius > 0):
-        raise ConfigError(f"--radius {radius} is not a positive number of metres; give one")
+        raise ConfigError(f"`radius` {radius} is not a positive number of metres; give one")
     neighbours = KDTree(_positions(database)).query_ball_point(_positions(query), radius)
     truth = np.zeros((len(query), len(database)), dtype=np.bool_)
     for row, columns in enumerate(neighbours):
@@ -219,12 +242,12 @@ def _position(row: TableRow, places: Mapping[str, Mapping[str, int]], traverse: 
     if traverse not in places:
         raise row.wrong(
             f"names the traverse {traverse!r}, which the route does not have; there are: "
-            f"{', '.join(map(readable, places))}"
+            f"{', '.join(map(readable, places))}{spelling_hint([traverse], places)}"
         )
     if stem not in places[traverse]:
         raise row.wrong(
             f"names the frame {stem!r}, which the traverse {traverse!r} does not have; correct the line or "
-            "add the frame"
+            f"add the frame{spelling_hint([stem], places[traverse])}"
         )
     return places[traverse][stem]
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.errors import ConfigError, DescriptorsError
-from everplace.images.decoding import usable_cores
 from everplace.sequences.frame_change import View, change_in_steps, new_frames
 from everplace.sequences.route_model import RouteModel, beside, checked_scores, likelihood_ratios
+from everplace.threads import usable_cores
 
 __all__ = ["Answer", "Belief", "RouteFilter", "answer", "filter_windows"]
 

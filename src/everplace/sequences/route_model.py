@@ -176,7 +176,7 @@ def checked_scores(S: NDArray[Any], length: int = 1) -> NDArray[Any]:
         DescriptorsError: S is not a matrix of numbers with at least one row and one column.
     """
     if length < 1:
-        raise ConfigError(f"--sequence {length} is not possible; give a number of frames of at least 1")
+        raise ConfigError(f"a sequence of {length} frames is not possible; give at least 1")
     S = np.asarray(S)
     if S.ndim != 2 or 0 in S.shape or S.dtype.kind not in "biuf":
         raise DescriptorsError(

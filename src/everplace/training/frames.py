@@ -13,12 +13,13 @@ from torch import Tensor
 
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
-from everplace.images.decoding import ImageSpec, map_ahead
+from everplace.images.decoding import ImageSpec
 from everplace.progress import Progress, quiet
 from everplace.route.fingerprint import fingerprint
 from everplace.route.pack import pack
 from everplace.route.route import Route
 from everplace.route.traverse import Traverse
+from everplace.threads import map_ahead
 from everplace.training.augment import Augmentation, augment, augmentation_rng
 from everplace.training.config import TrainConfig
 
@@ -225,5 +226,5 @@ class TrainingFrames:
         if self.batch_size < 2 * devices:
             raise ConfigError(
                 f"a batch of {self.batch_size} frames is too small for {devices} devices, which need two each; "
-                "raise batch_size, add frames or give fewer --devices"
+                "raise batch_size, add frames or give fewer `devices`"
             )

@@ -10,8 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from everplace.adapt.discriminant import PlaceScatter, Projection
-from everplace.adapt.oriented_gradients import OrientedGradients
+from everplace.adaptation.discriminant import PlaceScatter, Projection
+from everplace.adaptation.oriented_gradients import OrientedGradients
 from everplace.errors import ConfigError
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.inference import inference

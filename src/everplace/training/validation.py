@@ -14,6 +14,7 @@ from everplace.model.bounds import Weights
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.inference import inference
 from everplace.model.pixels import to_input
+from everplace.route.truth import tolerance_band
 from everplace.scoring.scores import evaluate
 from everplace.training.config import TrainConfig
 from everplace.training.frames import FrameBlock, SplitRoute
@@ -62,8 +63,8 @@ def validate(model: ConditionVAE, split: SplitRoute, tolerance: int, weights: We
         measured["held_out_bound"] = math.nan
     if not finite or not split.aligned or len(parts) < 2:
         return measured
-    places = np.arange(len(parts[0][0]))
-    truth = np.abs(places[:, None] - places[None, :]) <= tolerance
+    places = range(len(parts[0][0]))
+    truth = tolerance_band(places, places, tolerance)
     names = tuple(str(place) for place in places)
     described = [Descriptors(z.numpy(), names, method=model.config.kind) for z, _ in parts]
     scores = [

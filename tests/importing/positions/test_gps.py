@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from tests.fuzzing import fuzzed
 
 from everplace.errors import RouteError
@@ -95,3 +96,37 @@ def test_fuzzed_text_gives_a_track_or_one_error(text: str) -> None:
             assert poses.shape == (1, 3)
         except RouteError as error:
             assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "stem,lat,lon\na,0,0\nb,48.0,11.0\nc,0.0,-0.0\nd,48.0,11.0001\n",
+        "longitude,latitude,frame\n0,0,a\n11.0,48.0,b\n0,0,c\n11.0001,48.0,d\n",
+        "image,lat,lng,fix\na,0.000000,0.000000,1\nb,48.0,11.0,1\nc,0e0,0,1\nd,48.0,11.0001,1\n",
+    ],
+)
+def test_exactly_0_0_degrees_is_no_fix(tmp_path: Path, text: str) -> None:
+    track = read_gps(write(tmp_path, text))
+    assert (track.frames, track.lost) == (("b", "d"), 2)
+    poses = poses_on_track(track, ["a", "b", "c", "d"], None, (48.0, 11.0))
+    assert np.isfinite(poses[:, 0]).tolist() == [False, True, False, True]
+    np.testing.assert_allclose(poses[3, :2] - poses[1, :2], [7.46, 0], atol=0.01)
+
+
+def test_fixes_by_time_around_one_that_is_none(tmp_path: Path) -> None:
+    track = read_gps(write(tmp_path, "time,lat,lon\n0,0,0\n1,48.0,11.0\n2,0,0\n3,48.0,11.0002\n"))
+    poses = poses_on_track(track, [""] * 5, np.array([0.0, 0.5, 1.0, 2.0, 3.0]), (48.0, 11.0))
+    np.testing.assert_allclose(poses[:, 0], [np.nan, np.nan, 0, 7.46, 14.92], atol=0.01)
+
+
+def test_on_the_equator_and_in_metres_0_is_a_position(tmp_path: Path) -> None:
+    assert read_gps(write(tmp_path, "stem,lat,lon\na,0,9\nb,9,0\n")).lost == 0
+    assert read_gps(write(tmp_path, "stem,x,y\na,0,0\nb,1,0\n")).frames == ("a", "b")
+
+
+@pytest.mark.parametrize("seconds", [None, np.array([0.0, 1.0])])
+def test_a_file_without_a_fix_covers_nothing(tmp_path: Path, seconds: NDArray[np.float64] | None) -> None:
+    column = "stem" if seconds is None else "time"
+    track = read_gps(write(tmp_path, f"{column},lat,lon\n0,0,0\n1,0,0\n"))
+    assert np.isnan(poses_on_track(track, ["0", "1"], seconds, HERE)).all()

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import builtins
 import io
+import os
 import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -99,10 +100,10 @@ def test_one_image_topic_must_be_chosen(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "drive.bag", [image(1.0, "/left"), image(1.0, "/right"), image(2.0, "/right")])
     with pytest.raises(
         ConfigError,
-        match=r"several image topics; choose one with --set topic: /left \(sensor_msgs/msg/Image\), /right \(",
+        match=r"several image topics; choose one with `topic`: /left \(sensor_msgs/msg/Image\), /right \(",
     ):
         import_route("bag", path, tmp_path / "out")
-    with pytest.raises(ConfigError, match=r"no image topic '/front'; choose one with --set topic: /left"):
+    with pytest.raises(ConfigError, match=r"no image topic '/front'; choose one with `topic`: /left"):
         import_route("bag", path, tmp_path / "out", {"topic": "/front"})
     assert import_route("bag", path, tmp_path / "out", {"topic": "/right"}).frames == 2
 
@@ -149,7 +150,7 @@ def test_poses_of_the_camera_itself(tmp_path: Path) -> None:
     ahead = (0.5, -0.5, 0.5, -0.5)
     rows = [(("/pose"), POSE, 1.0, (3.0, 4.0, ahead)), image(1.0), ("/gps", FIX, 1.0, (0, 1.0, 1.0))]
     path = write_bag(tmp_path / "drive", rows)
-    with pytest.raises(ConfigError, match=r"several pose topics; choose one with --set poses: /gps .*, /pose "):
+    with pytest.raises(ConfigError, match=r"several pose topics; choose one with `poses`: /gps .*, /pose "):
         import_route("bag", path, tmp_path / "out")
     import_route("bag", path, tmp_path / "z", {"poses": "/pose", "ahead": "z"})
     (traverse,) = open_route(tmp_path / "z").traverses
@@ -164,7 +165,7 @@ def test_poses_of_the_camera_itself(tmp_path: Path) -> None:
 
 def test_times_of_recording_where_stamps_are_empty(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "drive.bag", [image(0.0), image(0.0), image(0.0)])
-    with pytest.raises(RouteError, match=r"message 0 of /camera .* has no time stamp; .* --set clock=recorded"):
+    with pytest.raises(RouteError, match=r"message 0 of /camera .* has no time stamp; .* `clock=recorded`"):
         import_route("bag", path, tmp_path / "out")
     import_route("bag", path, tmp_path / "out", {"clock": "recorded", "every_seconds": "2"})
     (traverse,) = open_route(tmp_path / "out").traverses
@@ -327,12 +328,167 @@ def test_damaged_bytes_give_frames_or_one_error(
     shutil.rmtree(tmp_path / "fuzz", ignore_errors=True)
 
 
+LOST = {"at 0, 0": (0, 0.0, 0.0), "status -1": (-1, 48.0, 11.0), "NaN": (0, float("nan"), float("nan"))}
+"""What a receiver says that has no fix."""
+
+
+def fixed_bag(path: Path, fixes: list[Any], *, rate: float = 1.0) -> Path:
+    """A bag with an image and a fix at the same moments."""
+    rows = [row for n, fix in enumerate(fixes) for row in (("/fix", FIX, 5 + n / rate, fix), image(5 + n / rate))]
+    return write_bag(path, rows)
+
+
+def east(*steps: int) -> list[Any]:
+    """Fixes so many steps of 7.46 m to the east."""
+    return [(0, 48.0, 11.0 + step / 10_000) for step in steps]
+
+
 @pytest.mark.parametrize("name", ["drive.bag", "drive", "drive-mcap"])
-def test_a_position_of_exactly_0_0_is_no_fix(tmp_path: Path, name: str) -> None:
-    fixes = [(0, 0.0, 0.0), (0, 48.0, 11.0), (0, 48.0, 11.0001), (0, 48.0, 11.0002)]
-    rows = [row for n, fix in enumerate(fixes) for row in (("/fix", FIX, 5 + n / 10, fix), image(5 + n / 10))]
-    import_route("bag", write_bag(tmp_path / name, rows), tmp_path / "out")
+@pytest.mark.parametrize("lost", LOST)
+def test_frames_without_a_fix_are_left_out_and_the_others_keep_their_numbers(
+    tmp_path: Path, name: str, lost: str
+) -> None:
+    fixes = [LOST[lost], LOST[lost], *east(0, 1), LOST[lost], *east(3)]
+    notes = import_route("bag", fixed_bag(tmp_path / name, fixes), tmp_path / "out").notes
+    (traverse,) = open_route(tmp_path / "out").traverses
+    assert traverse.stems == ("000002", "000003", "000005")
+    assert traverse.poses is not None
+    np.testing.assert_allclose(traverse.poses[:, 0], [0, 7.46, 22.39], atol=0.01)
+    told = f"Frames of {Path(name).stem} that were left out, since the receiver had no fix near them: 3."
+    assert told in notes
+    assert told in (tmp_path / "out/route.toml").read_text()
+
+
+def test_frames_near_a_fix_have_its_position_whatever_is_said_between(tmp_path: Path) -> None:
+    fixes = [LOST["at 0, 0"], *east(0, 1, 2)]
+    import_route("bag", fixed_bag(tmp_path / "drive.bag", fixes, rate=10), tmp_path / "out")
     poses = open_route(tmp_path / "out").traverses[0].poses
     assert poses is not None
-    np.testing.assert_allclose(poses[2:, 0], [7.46, 14.92], atol=0.01)
-    assert np.abs(poses).max() < 20
+    np.testing.assert_allclose(poses[:, 0], [0, 0, 7.46, 14.92], atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("options", "stems"),
+    [
+        ({"every_frames": "2"}, ["000001", "000002"]),  # of 0, 2, 4 the first has no fix
+        ({"every_seconds": "2"}, ["000001", "000002"]),
+        ({"every_metres": "14"}, ["000000", "000001"]),
+        ({"change": "0.9"}, ["000000"]),
+        ({"without_pose": "drop"}, ["000000", "000001", "000002", "000003"]),
+        ({"stems": "own"}, ["drive-000002", "drive-000003", "drive-000004", "drive-000005"]),
+    ],
+)
+def test_frames_without_a_fix_in_what_is_sampled(tmp_path: Path, options: dict[str, str], stems: list[str]) -> None:
+    fixes = [LOST["NaN"], LOST["at 0, 0"], *east(0, 1, 2, 3)]
+    import_route("bag", fixed_bag(tmp_path / "drive.bag", fixes), tmp_path / "out", options)
+    assert list(open_route(tmp_path / "out").traverses[0].stems) == stems
+
+
+def test_a_receiver_that_says_nothing_is_still_refused(tmp_path: Path) -> None:
+    rows = [image(1.0), image(5.0), ("/fix", FIX, 5.0, (0, 48.0, 11.0))]
+    with pytest.raises(RouteError, match=r"has no pose within 0\.5 s of the frame '000000'"):
+        import_route("bag", write_bag(tmp_path / "a.bag", rows), tmp_path / "out")
+
+
+@pytest.mark.parametrize("lost", LOST)
+def test_a_drive_that_never_had_a_fix_gets_no_poses(tmp_path: Path, lost: str) -> None:
+    (tmp_path / "bags").mkdir()
+    fixed_bag(tmp_path / "bags/a.bag", [LOST[lost], LOST[lost]])
+    fixed_bag(tmp_path / "bags/b.bag", east(0, 1))
+    notes = import_route("bag", tmp_path / "bags", tmp_path / "out").notes
+    a, b = open_route(tmp_path / "out").traverses
+    assert (len(a), a.poses) == (2, None)
+    assert b.poses is not None
+    assert f"The topic /fix of {tmp_path / 'bags/a.bag'} holds no position, so the drive gets no poses." in notes
+    with pytest.raises(RouteError, match=r"a\.bag holds no position; choose another or none with --set poses"):
+        import_route("bag", tmp_path / "bags", tmp_path / "chosen", {"poses": "/fix"})
+
+
+def test_a_drive_whose_fixes_are_all_elsewhere(tmp_path: Path) -> None:
+    rows = [image(1.0), ("/fix", FIX, 1.0, LOST["at 0, 0"]), ("/fix", FIX, 9.0, (0, 48.0, 11.0))]
+    with pytest.raises(RouteError, match="no frame of a has a position, .* --set poses=none"):
+        import_route("bag", write_bag(tmp_path / "a.bag", rows), tmp_path / "out")
+
+
+def test_a_receiver_without_a_fix_need_not_know_the_time(tmp_path: Path) -> None:
+    rows = [("/fix", FIX, 0.0, LOST["status -1"]), image(1.0), ("/fix", FIX, 1.0, (0, 48.0, 11.0))]
+    assert import_route("bag", write_bag(tmp_path / "a.bag", rows), tmp_path / "out").frames == 1
+
+
+def write_parts(directory: Path, ending: str, fixes: bool = True) -> None:
+    """Three parts of 3 images a second; the receiver spoke in the first and the last alone, a degree of 111,320 m."""
+    directory.mkdir()
+    for part in range(3):
+        rows = [image(10.0 + 3 * part + number) for number in range(3)]
+        if fixes and part != 1:
+            seconds = 10.0 if part == 0 else 18.0
+            rows.append(("/fix", FIX, seconds, (0, 0.0, 20 + (seconds - 10) * 1e-4)))
+        name = f"drive_{part}{ending}"
+        if ending == ".mcap":
+            bag = write_bag(directory.parent / f"{part}-mcap", rows)
+            (bag / f"{part}-mcap.mcap").rename(directory / name)
+        else:
+            write_bag(directory / name, rows)
+
+
+@pytest.mark.parametrize("ending", [".bag", "", ".mcap"])
+def test_a_split_drive_is_joined_and_shares_one_track(tmp_path: Path, ending: str) -> None:
+    write_parts(tmp_path / "winter", ending)
+    options = {"pose_limit": "9", "stems": "file"}
+    import_route("bag", tmp_path / "winter", tmp_path / "out", {"join": "true", **options})
+    (traverse,) = open_route(tmp_path / "out").traverses
+    assert (traverse.name, traverse.stems) == ("winter", tuple(f"{number:06d}" for number in range(9)))
+    times = (traverse.root / "times.csv").read_text().split()[1:]
+    assert [float(row.partition(",")[2]) for row in times] == [10.0 + number for number in range(9)]
+    assert traverse.poses is not None
+    np.testing.assert_allclose(traverse.poses[:, 0], 11.132 * np.arange(9), atol=1e-3)
+    import_route("bag", tmp_path / "winter", tmp_path / "fewer", {"join": "true", "every_metres": "22", **options})
+    assert open_route(tmp_path / "fewer").traverses[0].stems == ("000000", "000002", "000004", "000006", "000008")
+    some = {"join": f"drive_0{ending},drive_2{ending}", **options}
+    notes = import_route("bag", tmp_path / "winter", tmp_path / "some", some).notes
+    assert notes[0] == f"Recordings that join does not name were not read: drive_1{ending}."
+    assert len(open_route(tmp_path / "some").traverses[0]) == 6
+    with pytest.raises(RouteError, match=rf"drive_0{ending} begins before the part that it follows; name the parts in"):
+        import_route(
+            "bag", tmp_path / "winter", tmp_path / "back", {**options, "join": f"drive_2{ending},drive_0{ending}"}
+        )
+
+
+@pytest.mark.parametrize("ending", [".bag", "", ".mcap"])
+def test_a_split_drive_that_is_not_joined_is_told(tmp_path: Path, ending: str) -> None:
+    write_parts(tmp_path / "bags", ending, fixes=False)
+    notes = import_route("bag", tmp_path / "bags", tmp_path / "out", {"poses": "none"}).notes
+    assert len(open_route(tmp_path / "out").traverses) == 3
+    assert notes[0] == (
+        f"drive_0{ending} and drive_1{ending} in {tmp_path / 'bags'} look like parts of one drive, but each became a "
+        "drive of its own; if they are, import with --set join=true."
+    )
+
+
+def test_a_part_may_lack_the_images(tmp_path: Path) -> None:
+    (tmp_path / "bags").mkdir()
+    write_bag(tmp_path / "bags/a_0.bag", [image(1.0), image(2.0)])
+    write_bag(tmp_path / "bags/a_1.bag", [("/fix", FIX, 3.0, (0, 1.0, 1.0))])
+    write_bag(tmp_path / "bags/a_2.bag", [image(4.0)])
+    assert import_route("bag", tmp_path / "bags", tmp_path / "out", {"join": "true", "poses": "none"}).frames == 3
+
+
+def test_a_ros_2_bag_of_several_files_is_one_drive(tmp_path: Path) -> None:
+    """As `ros2 bag record -b` splits it: metadata.yaml names the files."""
+    first = write_bag(tmp_path / "drive", [image(1.0), image(2.0)])
+    second = write_bag(tmp_path / "more", [image(3.0)])
+    (first / "drive.db3").rename(first / "drive_0.db3")
+    (second / "more.db3").rename(first / "drive_1.db3")
+    metadata = (first / "metadata.yaml").read_text()
+    metadata = metadata.replace("- drive.db3", "- drive_0.db3\n  - drive_1.db3")
+    (first / "metadata.yaml").write_text(metadata.replace("message_count: 2", "message_count: 3"))
+    assert import_route("bag", first, tmp_path / "out").frames == 3
+    notes = import_route("bag", first / "drive_0.db3", tmp_path / "part").notes
+    assert [note for note in notes if "looks like one of 2 parts of a drive" in note]
+
+
+@pytest.mark.skipif(getattr(os, "geteuid", lambda: 0)() == 0, reason="the superuser may look into every directory")
+def test_a_bag_beside_a_directory_that_nobody_may_look_into(tmp_path: Path) -> None:
+    write_bag(tmp_path / "a.bag", [image(1.0)])
+    (tmp_path / "closed").mkdir(mode=0)
+    assert import_route("bag", tmp_path / "a.bag", tmp_path / "out", {"poses": "none"}).frames == 1

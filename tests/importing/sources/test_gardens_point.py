@@ -21,6 +21,7 @@ def test_the_original_form(data_set: Any) -> None:
     for traverse in ("day_left", "day_right", "night_right"):
         data_set.images(traverse, names)
     route = data_set.imported("gardens_point")
+    assert route.truth_origin == "the data set's frame numbers, which are in step over the walks"
     assert route.tolerance == 3
     assert [traverse.name for traverse in route.traverses] == ["day_left", "day_right", "night_right"]
     assert route.conditions == ("day_left", "day_right", "night_right")

@@ -19,7 +19,7 @@ from everplace.errors import RouteError
 from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.sources import hloc
 from everplace.route.selection import Selection
-from everplace.scoring.retrieval import Truth, choose_pair, true_matches
+from everplace.scoring.retrieval import MatchRule, choose_pair, true_matches
 
 
 def features(data_set: Any, name: str, images: list[str]) -> None:
@@ -32,10 +32,11 @@ def test_pairs_become_two_traverses_and_their_truth(data_set: Any) -> None:
     data_set.images(".", ["db/1.jpg", "db/2.jpg", "query/night/1.jpg", "query/night/2.jpg"])
     data_set.text("pairs.txt", ["# made by hand", "query/night/1.jpg db/2.jpg", "query/night/2.jpg db/1.jpg"])
     route = data_set.imported("hloc")
+    assert route.truth_origin == "the pairs of pairs.txt"
     assert route["queries"].stems == ("query-night-1", "query-night-2")
     assert route["database"].stems == ("db-1", "db-2")
     pair = choose_pair(route, "queries", "database", Selection())
-    assert true_matches(pair, Truth())[0].astype(int).tolist() == [[0, 1], [1, 0]]
+    assert true_matches(pair, MatchRule())[0].astype(int).tolist() == [[0, 1], [1, 0]]
 
 
 def test_hdf5_lists_name_images_without_a_pair(data_set: Any) -> None:
@@ -75,7 +76,7 @@ def test_pairs_within_one_set_are_one_traverse(data_set: Any) -> None:
     route = data_set.imported("hloc")
     pair = choose_pair(route, "images", "images", Selection())
     expected = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], dtype=bool)
-    np.testing.assert_array_equal(true_matches(pair, Truth())[0], expected)
+    np.testing.assert_array_equal(true_matches(pair, MatchRule())[0], expected)
 
 
 def test_links_in_a_file_lead_nowhere(data_set: Any) -> None:

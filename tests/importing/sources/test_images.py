@@ -28,7 +28,7 @@ def drives(tmp_path: Path) -> Path:
 def test_drives_get_the_same_stems_in_natural_order(tmp_path: Path, drives: Path) -> None:
     summary = import_route("images", drives, tmp_path / "out", {"conditions": "winter,summer"})
     assert summary.linked == 10
-    assert "--set stems=own" in summary.notes[0]
+    assert "`stems=own`" in summary.notes[0]
     route = open_route(tmp_path / "out")
     assert route.shared_stems() == tuple(f"{number:06d}" for number in range(5))
     assert {traverse.name: traverse.condition for traverse in route.traverses} == {"jan": "winter", "jul": "summer"}
@@ -114,7 +114,7 @@ def test_what_cannot_be(tmp_path: Path, drives: Path) -> None:
         import_route("images", drives, out, {"every_seconds": "1", "change": "0.9"})
     with pytest.raises(ConfigError, match="every_seconds needs the time of each frame, and 'IMG_8' has none"):
         import_route("images", drives, out, {"every_seconds": "1"})
-    with pytest.raises(ConfigError, match="--set size=0x3 cannot be: it is not WIDTHxHEIGHT"):
+    with pytest.raises(ConfigError, match="`size`=0x3 cannot be: it is not WIDTHxHEIGHT"):
         import_route("images", drives, out, {"size": "0x3"})
     (drives / "jan" / "times.csv").write_text("stem,seconds\nIMG_8,0\n")
     with pytest.raises(RouteError, match=r"times.csv has no time for 4 of 5 frames, the first is 'IMG_9'; add a line"):
@@ -124,3 +124,47 @@ def test_what_cannot_be(tmp_path: Path, drives: Path) -> None:
     with pytest.raises(RouteError, match="holds no image, nor do its directories"):
         import_route("images", drives, out)
     assert not out.exists()
+
+
+IN_STEP = "equal numbers of frames, the drives taken to be in step"
+
+
+@pytest.mark.parametrize(
+    ("options", "origin"),
+    [
+        ({}, IN_STEP),
+        ({"stems": "file"}, "equal names of frames"),
+        ({"stems": "own"}, None),
+        ({"aligned": "false"}, None),
+    ],
+)
+def test_where_the_truth_comes_from(tmp_path: Path, drives: Path, options: dict[str, str], origin: str | None) -> None:
+    import_route("images", drives, tmp_path / "out", options)
+    assert open_route(tmp_path / "out").truth_origin == origin
+    import_route("images", drives / "jan", tmp_path / "one", options)
+    assert open_route(tmp_path / "one").truth_origin is None
+
+
+@pytest.mark.parametrize(
+    ("said", "stems", "told"),
+    [
+        ("", "file", ("an alignment", "hog")),
+        ("", "shared", ("an alignment", "hog")),
+        ("", "own", (None, None)),
+        ("radius = 5.0", "file", ("equal names of frames", "hog")),
+    ],
+)
+def test_what_a_route_says_of_its_truth_comes_along(
+    tmp_path: Path, drives: Path, said: str, stems: str, told: tuple[str | None, str | None]
+) -> None:
+    (drives / "route.toml").write_text(f'truth_from = "an alignment"\naligned_by = "hog"\n{said}\n')
+    import_route("images", drives, tmp_path / "out", {"stems": stems})
+    route = open_route(tmp_path / "out")
+    assert (route.truth_origin, route.aligned_by) == told
+
+
+def test_a_route_toml_that_is_wrong_matters_where_names_are_kept_alone(tmp_path: Path, drives: Path) -> None:
+    (drives / "route.toml").write_text("tolerance = ")
+    import_route("images", drives, tmp_path / "out")
+    with pytest.raises(ConfigError, match="not valid TOML"):
+        import_route("images", drives, tmp_path / "file", {"stems": "file"})

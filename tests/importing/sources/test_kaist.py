@@ -144,11 +144,11 @@ def test_conditions_are_said_by_set_video_or_file(tmp_path: Path) -> None:
         ({"conditions": "gone.toml"}, "cannot read gone.toml"),
         ({"sequences": "set99"}, "sequences='set99' is not there; there are: set00/V000, set03/V000"),
         ({"align": "pairs"}, "align=pairs needs the pairs"),
-        ({"pairs": "a.csv"}, "pairs are of no use without --set align=pairs"),
+        ({"pairs": "a.csv"}, "pairs are of no use without `align=pairs`"),
         ({"preset": "paper"}, "preset paper needs sequences that are aligned"),
         ({"gps": "{nothing}"}, "gps='{nothing}' cannot be"),
         ({"align": "gps", "reference": "set07/V000"}, "reference='set07/V000' is no sequence"),
-        ({"radius": "-1"}, "--set radius=-1 cannot be"),
+        ({"radius": "-1"}, "`radius`=-1 cannot be"),
     ],
 )
 def test_options_that_cannot_be(tmp_path: Path, options: dict[str, str], message: str) -> None:
@@ -216,6 +216,7 @@ def test_gps_aligns_two_drives(tmp_path: Path, write_seq: Any) -> None:
     drives(tmp_path, write_seq)
     both_forms(tmp_path)
     route, notes = imported(tmp_path, tmp_path / "route", align="gps", radius="2", form="images")
+    assert route.truth_origin == "positions by GPS, within 2 m"
     day, night = route["day"], route["night"]
     assert day.stems == night.stems == tuple(f"{place:05d}" for place in range(30))
     assert day.poses is not None
@@ -230,6 +231,7 @@ def test_gps_aligns_two_drives(tmp_path: Path, write_seq: Any) -> None:
 def test_positions_by_time_of_a_video_and_frames_without_position(tmp_path: Path, write_seq: Any) -> None:
     drives(tmp_path, write_seq)
     route, notes = imported(tmp_path, tmp_path / "route", form="videos")
+    assert route.truth_origin == "positions by GPS"
     night = route["night"]
     assert len(night) == 51  # the fixes end 0.9 s before the video
     assert night.poses is not None
@@ -250,6 +252,7 @@ def test_pairs_align_two_drives_and_every_thins_them(tmp_path: Path, write_seq: 
     pairs = tmp_path / "pairs.csv"
     pairs.write_text("set00/V000,set03/V000\nI00010,I00000\nI00030,I00040\n")
     route, _ = imported(tmp_path, tmp_path / "route", align="pairs", pairs=str(pairs), form="images", every="2")
+    assert route.truth_origin == f"the pairs of frames in {pairs.name}, set by hand"
     assert route["day"].poses is None
     chosen = [[int(path.resolve().stem[1:]) for path in traverse.paths] for traverse in route.traverses]
     assert chosen[0] == list(range(10, 31, 2))
@@ -312,3 +315,24 @@ def test_any_text_is_a_table_of_conditions_or_one_error(tmp_path: Path, text: by
     except ConfigError as error:
         assert path.name in str(error)
         assert len(str(error).splitlines()) == 1
+
+
+def test_frames_at_exactly_0_0_have_no_position(tmp_path: Path) -> None:
+    write_images(tmp_path, "set00/V000", 4)
+    header = "stem,lat,lon"
+    rows = [(f"I{number:05d}", 48.0, 11.0 + number / 1e4) for number in range(4)]
+    write_gps(tmp_path, "set00/V000", [("I00000", 0, 0), rows[1], rows[2], rows[3]], header)
+    route, notes = imported(tmp_path, tmp_path / "route")
+    assert "1 of 4 frames of set00/V000 have no position and were left out." in notes
+    poses = route.traverses[0].poses
+    assert poses is not None
+    np.testing.assert_allclose(poses[:, 0], [0, 7.46, 14.92], atol=0.01)
+    write_gps(tmp_path, "set00/V000", [(name, 0, 0) for name, _, _ in rows], header)
+    route, notes = imported(tmp_path, tmp_path / "route")
+    assert (route.traverses[0].poses, len(route.traverses[0])) == (None, 4)
+    path = tmp_path / "gps/set00/V000.csv"
+    assert f"{path} holds no fix near a frame: set00/V000 gets no poses." in notes
+    write_images(tmp_path, "set01/V000", 4)
+    write_gps(tmp_path, "set01/V000", rows, header)
+    with pytest.raises(RouteError, match=r"align=gps needs positions, and .*set00/V000\.csv holds no fix"):
+        imported(tmp_path, tmp_path / "route", align="gps")

@@ -54,6 +54,7 @@ def test_drives_become_traverses_with_conditions_poses_and_times(tmp_path: Path,
         "2021-08-06-16-19-00": "rain", "2021-08-13-15-46-56": "day", "2021-08-13-21-18-04": "night",
     }  # fmt: skip
     assert not route.aligned
+    assert route.truth_origin == "positions by GPS"
     night = route["night"]
     assert night.stems[1] == "2021-08-13-21-18-04_000001"
     assert night.paths[1].resolve() == (tmp_path / "ms2/sync_data" / NIGHT / "rgb/img_left/000001.png").resolve()
@@ -192,3 +193,38 @@ def test_thermal_frames_are_scaled_by_what_their_drive_uses(tmp_path: Path, arch
     assert means[0] - means[1] == pytest.approx(1500 / 2500 * 256, abs=2)
     plain = import_route("ms2", source, tmp_path / "plain", {"camera": "thr", "bits": "16"})
     assert plain.linked == (0 if archived else 6)
+
+
+@pytest.mark.parametrize(
+    ("lost", "kept"), [([0], [1, 2, 3]), ([2], [0, 1, 3]), ([0, 1, 3], [2]), ([0, 1, 2, 3], [0, 1, 2, 3])]
+)
+def test_frames_at_exactly_0_0_are_left_out_unless_all_are(tmp_path: Path, lost: list[int], kept: list[int]) -> None:
+    write_drive(tmp_path, DAY, 4)
+    for number in lost:
+        path = tmp_path / "sync_data" / DAY / f"gps_imu/data/{number:06d}.txt"
+        path.write_text("0.000000\n-0.000000\n" + "".join(path.read_text().splitlines(keepends=True)[2:]))
+    summary = import_route("ms2", tmp_path, tmp_path / "route")
+    (traverse,) = open_route(tmp_path / "route").traverses
+    assert [int(stem[-6:]) for stem in traverse.stems] == kept
+    times = (traverse.root / "times.csv").read_text().splitlines()[1:]
+    assert [row.partition(",")[2] for row in times] == [str(1628230000.0 + number / 10) for number in kept]
+    if len(lost) < 4:
+        assert traverse.poses is not None
+        np.testing.assert_allclose(traverse.poses[:, 1], [(number - kept[0]) * 1.1097 for number in kept], atol=1e-3)
+        told = (
+            f"{len(lost)} of 4 frames of {DAY} are at exactly 0, 0, where the receiver had no fix, and were left out."
+        )
+    else:
+        assert traverse.poses is None
+        told = f"{DAY} holds no fix in gps_imu/data, 0, 0 throughout: it gets no poses."
+    assert told in summary.notes
+
+
+def test_ms2_that_is_thinned_counts_the_frames_that_take_part(tmp_path: Path) -> None:
+    write_drive(tmp_path, DAY, 6)
+    (tmp_path / "sync_data" / DAY / "gps_imu/data/000002.txt").write_text("0\n0\n")
+    (tmp_path / "sync_data" / DAY / "gps_imu/data/000003.txt").write_text("0\n0\n")
+    summary = import_route("ms2", tmp_path, tmp_path / "route", {"every": "2"})
+    (traverse,) = open_route(tmp_path / "route").traverses
+    assert [int(stem[-6:]) for stem in traverse.stems] == [0, 4]
+    assert [note for note in summary.notes if note.startswith("1 of 3 frames")]

@@ -54,6 +54,7 @@ def test_lists_of_images_in_their_own_order(data_set: Any) -> None:
 def test_an_import_keeps_the_pairs(data_set: Any) -> None:
     write(data_set, ["1,1,2", "2,4,0"])
     route = data_set.imported("openseqslam2")
+    assert route.truth_origin == "the data set's list of true matches, ground_truth.csv"
     assert route.truth is not None
     assert route.truth.matches(route["query"], route["reference"]).sum() == 4
 

@@ -57,7 +57,7 @@ def test_frames_without_a_pose_are_left_out_and_said(data_set: Any) -> None:
     write(data_set)
     notes = data_set.read(tum, limit=0.3).notes
     assert notes[0].startswith("1 of 4 frames of set have no pose within 0.3 s and were left out")
-    assert "--radius" in notes[1]
+    assert "radius for the same place: say it in metres" in notes[1]
     kept = data_set.frames(tum, poses=False)["set"]
     assert len(kept) == 4
     assert {frame.pose for frame in kept} == {None}
@@ -73,7 +73,9 @@ def test_several_sequences_are_imported(data_set: Any) -> None:
     assert {traverse.name: len(traverse) for traverse in route.traverses} == {"desk2": 3, "desk10": 3}
     assert route.radius is None  # one of them has no poses
     assert route["desk2"].poses is not None
-    assert data_set.read(tum, "desk2", limit=0.3, radius=1).radius == 1
+    assert route.truth_origin is None
+    alone = data_set.read(tum, "desk2", limit=0.3, radius=1)
+    assert (alone.radius, alone.truth_from) == (1, "the poses of the data set")
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from PIL import Image
 from tests.fuzzing import DAMAGE, Damage, fuzzed
 
 from everplace.errors import EverplaceError, MissingExtraError, RouteError
@@ -136,7 +137,7 @@ def test_a_video_that_breaks_off(tmp_path: Path, ending: str) -> None:
     else:
         del data[len(data) // 2 :]
     path.write_bytes(data)
-    with pytest.raises(RouteError, match=rf"winter{ending} .* after \d+ frames, at [0-4]\.\d\d s.*--set damaged=keep"):
+    with pytest.raises(RouteError, match=rf"winter{ending} .* after \d+ frames, at [0-4]\.\d\d s.*`damaged=keep`"):
         import_route("video", path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
     summary = import_route("video", path, tmp_path / "out", {"damaged": "keep"})
@@ -320,3 +321,90 @@ def test_damaged_bytes_give_frames_or_one_error(
         assert "\n" not in str(error)
     else:
         assert count
+
+
+def times_of(route: Path) -> list[float]:
+    lines = (route / "times.csv").read_text().splitlines()[1:]
+    return [float(line.partition(",")[2]) for line in lines]
+
+
+@pytest.fixture
+def chapters(tmp_path: Path) -> Path:
+    """Three chapters of 12, 7 and 6 frames at 10 a second."""
+    (tmp_path / "winter").mkdir()
+    for number, count in enumerate([12, 7, 6], start=1):
+        write_video(tmp_path / "winter" / f"GX0{number}0012.MP4", count)
+    return tmp_path / "winter"
+
+
+@pytest.mark.parametrize(
+    ("options", "times"),
+    [
+        ({}, [number / RATE for number in range(25)]),
+        ({"every_frames": "5"}, [0.0, 0.5, 1.0, 1.5, 2.0]),
+        ({"every_seconds": "0.8"}, [0.0, 0.8, 1.6, 2.4]),
+        ({"join": "GX030012.MP4,GX010012.MP4"}, [number / RATE for number in range(18)]),
+    ],
+)
+def test_chapters_become_one_drive(tmp_path: Path, chapters: Path, options: dict[str, str], times: list[float]) -> None:
+    import_route("video", chapters, tmp_path / "out", {"join": "true", "stems": "file", **options})
+    (traverse,) = open_route(tmp_path / "out").traverses
+    assert traverse.name == "winter"
+    np.testing.assert_allclose(times_of(traverse.root), times, atol=1e-6)
+    assert traverse.stems == tuple(f"{round(time * RATE):06d}" for time in times)
+
+
+def test_joined_chapters_are_the_drive_that_was_never_split(tmp_path: Path, chapters: Path) -> None:
+    import_route("video", chapters, tmp_path / "out", {"join": "true"})
+    (traverse,) = open_route(tmp_path / "out").traverses
+    numbers = [*range(12), *range(7), *range(6)]
+    for path, number in zip(traverse.paths, numbers, strict=True):
+        np.testing.assert_array_equal(np.asarray(Image.open(path)), picture(number))
+
+
+def test_chapters_that_are_not_joined_are_told(tmp_path: Path, chapters: Path) -> None:
+    notes = import_route("video", chapters, tmp_path / "out", {"stems": "own"}).notes
+    assert len(open_route(tmp_path / "out").traverses) == 3
+    assert [note for note in notes if "--set join=true" in note]
+    notes = import_route("video", chapters / "GX010012.MP4", tmp_path / "one", {"stems": "own"}).notes
+    assert [note for note in notes if "--set join=GX010012.MP4,GX020012.MP4,GX030012.MP4" in note]
+
+
+def test_poses_of_joined_chapters(tmp_path: Path, chapters: Path) -> None:
+    """By time and by name, beside each chapter or beside the directory; the way goes on from chapter to chapter."""
+    header = "seconds,x,y,heading\n"
+    (tmp_path / "winter.poses.csv").write_text(f"{header}0,0,0,0\n2.4,24,0,0\n")
+    import_route("video", chapters, tmp_path / "whole", {"join": "true", "pose_limit": "3", "every_metres": "5"})
+    poses = open_route(tmp_path / "whole").traverses[0].poses
+    assert poses is not None
+    np.testing.assert_allclose(poses[:, 0], [0, 5, 10, 15, 20], atol=1e-6)
+    (chapters / "GX020012.poses.csv").write_text(f"{header}0,12,0,0\n0.6,18,0,0\n")
+    with pytest.raises(RouteError, match=r"winter\.poses\.csv holds poses of all parts .* keep one of them"):
+        import_route("video", chapters, tmp_path / "out", {"join": "true"})
+    (tmp_path / "winter.poses.csv").unlink()
+    with pytest.raises(RouteError, match=r"parts of the drive in .*winter differ in their poses"):
+        import_route("video", chapters, tmp_path / "out", {"join": "true"})
+    (chapters / "GX010012.poses.csv").write_text(f"{header}0,0,0,0\n1.1,11,0,0\n")
+    (chapters / "GX030012.poses.csv").write_text(f"{header}0,19,0,0\n0.5,24,0,0\n")
+    import_route("video", chapters, tmp_path / "each", {"join": "true", "pose_limit": "3"})
+    poses = open_route(tmp_path / "each").traverses[0].poses
+    assert poses is not None
+    np.testing.assert_allclose(poses[:, 0], np.arange(25), atol=1e-6)
+    for path in chapters.glob("*.csv"):
+        path.unlink()
+    rows = "".join(f"w{number},{number},0,0\n" for number in range(25))
+    (tmp_path / "winter.poses.csv").write_text(f"stem,x,y,heading\n{rows}")
+    import_route("video", chapters, tmp_path / "named", {"join": "true"})
+    assert open_route(tmp_path / "named").traverses[0].stems == tuple(f"w{number}" for number in range(25))
+
+
+def test_a_chapter_that_breaks_off_does_not_shift_the_ones_after_it(tmp_path: Path, chapters: Path) -> None:
+    write_video(chapters / "GX010012.mkv", 40)
+    data = (chapters / "GX010012.mkv").read_bytes()
+    (chapters / "GX010012.mkv").write_bytes(data[: len(data) * 6 // 10])
+    options = {"join": "GX010012.mkv,GX020012.MP4", "damaged": "keep"}
+    notes = import_route("video", chapters, tmp_path / "out", options).notes
+    assert [note for note in notes if "were kept" in note]
+    times = times_of(open_route(tmp_path / "out").traverses[0].root)
+    assert len(times) < 46
+    np.testing.assert_allclose(times[-7:], [4.0 + number / RATE for number in range(7)], atol=1e-3)

@@ -69,6 +69,7 @@ def test_zones_do_not_overlap(data_set: Any) -> None:
 def test_an_imported_set_is_evaluated_by_its_poses(data_set: Any) -> None:
     write(data_set)
     route = data_set.imported("vpr")
+    assert route.truth_origin == "the positions (UTM) in the names of the data set's images"
     assert route.radius == 25.0
     assert not route.matched_by_stem
     assert len(route["queries"]) == 2
@@ -98,7 +99,7 @@ def test_two_files_of_one_stem_and_what_is_missing(data_set: Any) -> None:
     with pytest.raises(RouteError, match="holds no images/test .* give the directory above images"):
         data_set.read(vpr)
     write(data_set, "images/val")
-    with pytest.raises(RouteError, match="choose --set split= one of val"):
+    with pytest.raises(RouteError, match="choose `split`= one of val"):
         data_set.read(vpr)
     data_set.images("images/val/queries", ["@0584853.0@4477221.0@.png"])
     with pytest.raises(RouteError, match=r"would both be the frame '@0584853\.0@4477221\.0@'"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from everplace.errors import RouteError
 from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.sources import vprbench
 from everplace.route.selection import Selection
-from everplace.scoring.retrieval import Truth, choose_pair, retrieve, true_matches
+from everplace.scoring.retrieval import MatchRule, choose_pair, retrieve, true_matches
 
 MATCHES: list[list[Any]] = [[0, [1, 2]], [1, np.array([0])], [2, []]]
 
@@ -45,11 +46,13 @@ def test_matches_become_pairs_by_stem(data_set: Any) -> None:
 def test_an_import_is_evaluated_by_its_pairs(data_set: Any) -> None:
     write(data_set, MATCHES)
     route = data_set.imported("vprbench")
+    assert route.truth_origin == "the data set's list of true matches, ground_truth_new.npy"
     pair = choose_pair(route, "query", "ref", Selection())
-    truth, resolved = true_matches(pair, Truth())
+    truth, resolved = true_matches(pair, MatchRule())
     assert str(resolved) == "pairs of truth.csv"
     assert truth.astype(int).tolist() == [[0, 1, 1, 0], [1, 0, 0, 0], [0, 0, 0, 0]]
     result = retrieve(route, "query", "ref", "hog")
+    assert result.scores is not None
     assert (result.scores.queries, result.scores.queries_with_match, result.scores.database) == (3, 2, 4)
 
 
@@ -70,6 +73,8 @@ def test_a_hostile_truth_runs_nothing(data_set: Any) -> None:
         ([[3, [0]]], r"row 0: the query 3 does not exist, there are 3 images"),
         ([[0, [4]]], r"row 0: the reference 4 does not exist, there are 4 images"),
         ([[0, [-1]]], "the reference -1 does not exist"),
+        ([[0, [1]], [1, [5, 4]]], "row 1: the reference 4 does not exist, there are 4 images"),
+        ([[0, [1]], [3, [1, 4]]], "row 1: the query 3 does not exist, there are 3 images"),
         ([[0, [0.5]]], r"the reference is 0\.5 where the index of an image must be"),
         ([[0, [float("nan")]]], "the reference is nan"),
         ([[[0], [1]]], r"the query is \[0\]"),
@@ -83,6 +88,39 @@ def test_a_wrong_truth_is_named(data_set: Any, matches: list[list[Any]], message
     with pytest.raises(RouteError, match=message) as caught:
         data_set.read(vprbench)
     assert "ground_truth_new.npy" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("matches", "kept", "note"),
+    [
+        (
+            [[0, [2, 3, 4]], [1, [3, 4, 5]]],
+            [(0, 2), (0, 3), (1, 3)],
+            "3 references to .* dropped: 4, 5; there are",
+        ),
+        ([[0, [-2, -1, 0]]], [(0, 0)], "2 references to images that do not exist were dropped: -2, -1; there are 4"),
+        ([[0, np.array([3, 10**6])]], [(0, 3)], "1 references to images that do not exist were dropped: 1000000;"),
+        ([[0, list(range(2, 12))]], [(0, 2), (0, 3)], "8 references to .* dropped: 4, 5, 6, 7, 8 and 3 more; there"),
+    ],
+)
+def test_references_past_the_ends_are_dropped_and_counted(
+    data_set: Any, matches: list[list[Any]], kept: list[tuple[int, int]], note: str
+) -> None:
+    write(data_set, matches)
+    assert [(int(query[6:]), int(reference[4:])) for _, query, _, reference in data_set.pairs(vprbench)] == kept
+    assert re.match(note, data_set.read(vprbench).notes[0])
+
+
+def test_the_published_truth_of_gardens_point(data_set: Any) -> None:
+    """200 queries and references, ±2 each: 3 references of the last two queries lie past the end."""
+    write(data_set, [[n, [m for m in range(n - 2, n + 3) if m >= 0]] for n in range(20)], queries=20, references=20)
+    route = data_set.imported("vprbench")
+    pair = choose_pair(route, "query", "ref", Selection())
+    truth, _ = true_matches(pair, MatchRule())
+    assert truth.sum(axis=1).tolist() == [3, 4, *[5] * 16, 4, 3]
+    assert data_set.read(vprbench).notes == (
+        "3 references to images that do not exist were dropped: 20, 21; there are 20 images from 0 on.",
+    )
 
 
 def test_missing_parts(data_set: Any) -> None:
@@ -106,7 +144,7 @@ def test_a_fuzzed_truth_gives_pairs_or_one_error(data_set: Any, position: int, p
     data[position : position + len(piece)] = piece
     path.write_bytes(data[:kept])
     try:
-        truth = vprbench._read_truth(TreePath(path), 3, 4)
+        truth, _ = vprbench._read_truth(TreePath(path), 3, 4)
     except RouteError as error:
         assert "fuzzed.npy" in str(error)
     else:

@@ -16,6 +16,7 @@ from everplace.images.frame_names import choose_frames, unread_pictures
 from everplace.importing.foreign_route import Content, ForeignFrame
 from everplace.route.folder import list_directory
 from everplace.route.natural_order import natural_key, natural_sorted
+from everplace.route.spelling import spelling_hint
 
 __all__ = [
     "Children",
@@ -233,9 +234,11 @@ def read_files(directory: TreePath, names: Mapping[str, _Item], where: str = "")
     def there() -> Iterator[str]:
         for name in names:
             if where and not (directory / name).is_file():
+                path = directory / name
+                beside = path.parent.children().files if path.parent.is_dir() else []
                 raise RouteError(
-                    f"{readable(directory / name)} does not exist, but {where} names it; complete the data set or "
-                    "correct the list"
+                    f"{readable(path)} does not exist, but {where} names it; complete the data set or correct the list"
+                    f"{spelling_hint([path.name], beside)}"
                 )
             yield name
 

@@ -7,7 +7,7 @@ it: rosbags turns definitions into Python code, and no code is to be made of a s
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rosbags.rosbag2 import Reader as Reader2
     from rosbags.typesys.store import Typestore
 
-__all__ = ["BAG_ENDINGS", "METADATA", "Bag", "Topic", "open_bag"]
+__all__ = ["BAG_ENDINGS", "METADATA", "Bag", "Topic", "open_bag", "read_messages", "read_topics"]
 
 BAG_ENDINGS = frozenset({".bag", ".db3", ".mcap"})
 """Endings (lower case) by which a file counts as a bag."""
@@ -138,6 +138,48 @@ def open_bag(path: Path) -> Iterator[Bag]:
             stack.enter_context(reader)
             store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.LATEST)
         yield Bag(path, reader, store, is_ros1=is_ros1)
+
+
+def read_topics(paths: Sequence[Path], types: Collection[str]) -> list[Topic]:
+    """Returns the topics with messages of some of these types in the bags of one drive, all taken together, by name.
+
+    Raises:
+        RouteError, MissingExtraError: As `open_bag`.
+    """
+    found: dict[str, Topic] = {}
+    for path in paths:
+        with open_bag(path) as bag:
+            for topic in bag.topics(types):
+                before = found.get(topic.name, Topic(topic.name, topic.types, 0))
+                found[topic.name] = Topic(topic.name, before.types | topic.types, before.count + topic.count)
+    return [found[name] for name in sorted(found) if found[name].count]
+
+
+def read_messages(path: Path, topic: str, message_type: str, *, complete: bool = False) -> Iterator[tuple[int, Any]]:
+    """Reads the messages of a topic from one bag of a drive, which need not have the topic; as `Bag.messages`.
+
+    Args:
+        path: The bag.
+        topic: The topic's name.
+        message_type: The type of its messages.
+        complete: Whether fewer messages than the bag announces are an error.
+
+    Raises:
+        RouteError: The bag is damaged, or lacks messages.
+        MissingExtraError: rosbags is not installed.
+    """
+    with open_bag(path) as bag:
+        announced = sum(found.count for found in bag.topics([message_type]) if found.name == topic)
+        if not announced:
+            return  # rosbags would give the messages of all topics
+        count = 0
+        for count, message in enumerate(bag.messages(topic, message_type), start=1):  # noqa: B007
+            yield message
+        if complete and count < announced:
+            raise RouteError(
+                f"{readable(path)} announces {announced} messages of {topic}, but holds only {count}; reindex or "
+                "recover it"
+            )
 
 
 @contextlib.contextmanager

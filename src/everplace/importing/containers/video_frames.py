@@ -54,10 +54,12 @@ class DecodedFrame(NamedTuple):
     Attributes:
         pixels: H×W×3 uint8 RGB, upright: the rotation and the mirror that the file asks for are applied.
         seconds: When it is shown, from the first frame on; None where the file has no times.
+        lasts: For how many seconds it is shown; 0: not known.
     """
 
     pixels: NDArray[np.uint8]
     seconds: float | None
+    lasts: float
 
 
 class VideoAccount(NamedTuple):
@@ -65,10 +67,12 @@ class VideoAccount(NamedTuple):
 
     Attributes:
         frames: How many it announces, if it does.
+        seconds: How long it is by its own account, from the first frame on, if it says so.
         doubt: A sentence that says why it may not be whole; empty: there is no reason to think so.
     """
 
     frames: int | None
+    seconds: float | None
     doubt: str
 
 
@@ -81,11 +85,13 @@ def check_video(path: Path) -> VideoAccount:
     """
     with _naming_errors(path, _NO_VIDEO), _opened(path) as (container, stream):
         doubts = []
-        if container.format.name in _ENDLESS or _announced_end(container, stream) is None:
+        end = _announced_end(container, stream)
+        if container.format.name in _ENDLESS or end is None:
             doubts.append("does not announce where it ends, so whether it is whole cannot be checked")
         if ends_early(path):
             doubts.append("stops in the middle of its container, so it was cut off and frames may be missing")
-        return VideoAccount(stream.frames or None, f"{readable(path)} {'; it '.join(doubts)}." if doubts else "")
+        doubt = f"{readable(path)} {'; it '.join(doubts)}." if doubts else ""
+        return VideoAccount(stream.frames or None, None if end is None else end - _start(stream), doubt)
 
 
 def last_frame_begins(path: Path) -> float:
@@ -139,15 +145,15 @@ def read_video(
                     break
                 if frame.is_corrupt:
                     raise ValueError("a frame is marked as corrupt")
-                seconds = None
+                seconds, lasts = None, 0.0
                 if frame.pts is not None and frame.time_base is not None:
                     first = frame.pts if first is None else first
                     last = seconds = float((frame.pts - first) * frame.time_base)
-                    shown = max(float((frame.duration or 0) * frame.time_base), _interval(stream))
-                    end = max(end, float(frame.pts * frame.time_base) + shown)
+                    lasts = float((frame.duration or 0) * frame.time_base) or _interval(stream)
+                    end = max(end, float(frame.pts * frame.time_base) + max(lasts, _interval(stream)))
                 pixels = _upright(frame) if wanted(seconds) else None
             if pixels is not None:
-                yield DecodedFrame(pixels, seconds)
+                yield DecodedFrame(pixels, seconds, lasts)
             done += 1
         if not done:
             raise RouteError(f"{readable(path)} holds no frame that can be decoded; {ANEW}")

@@ -37,6 +37,7 @@ class GpsTrack:
         seconds: K, when each position was measured, increasing strictly; None where positions have frames.
         positions: K×2, latitude and longitude in degrees, or x and y in metres.
         degrees: Whether they are degrees.
+        lost: How many rows were at exactly (0, 0) degrees: a receiver that has no fix.
     """
 
     path: Path
@@ -44,6 +45,7 @@ class GpsTrack:
     seconds: NDArray[np.float64] | None = field(repr=False)
     positions: NDArray[np.float64] = field(repr=False)
     degrees: bool
+    lost: int = 0
 
 
 def read_gps(path: Path) -> GpsTrack:
@@ -52,7 +54,10 @@ def read_gps(path: Path) -> GpsTrack:
     Args:
         path: UTF-8, with a header that names `stem` or `seconds`, and `latitude`, `longitude` (WGS 84, degrees) or
             `x`, `y` (metres), in any order and beside others; `frame`, `time`, `timestamp`, `lat`, `lon`, `easting`
-            and `northing` are understood as well.
+            and `northing` are understood as well. Exactly 0, 0 degrees is no fix, and left out.
+
+    Returns:
+        The positions; none where no row is a fix.
 
     Raises:
         RouteError: The file is missing or malformed, holds a number that cannot be, goes back in time, names a
@@ -79,8 +84,10 @@ def read_gps(path: Path) -> GpsTrack:
     if not timed and len(set(frames)) < len(frames):
         raise RouteError(f"{readable(path)} names a frame twice; keep one position for each")
     array = np.array(values)
-    times = array[:, 0] if timed else None
-    return GpsTrack(path, () if timed else tuple(frames), times, array[:, -2:], degrees)
+    fixed: NDArray[np.bool_] = np.any(array[:, -2:], axis=1) | (not degrees)
+    named = () if timed else tuple(frames[index] for index in np.flatnonzero(fixed))
+    times = array[fixed, 0] if timed else None
+    return GpsTrack(path, named, times, array[fixed, -2:], degrees, lost=int((~fixed).sum()))
 
 
 def poses_on_track(
@@ -108,6 +115,8 @@ def poses_on_track(
     """
     plane = local_plane(track.positions, origin) if track.degrees else track.positions
     poses = np.full((len(frames), 3), np.nan)
+    if not len(plane):
+        return poses
     if track.seconds is None:
         number = {frame: index for index, frame in enumerate(track.frames)}
         where = np.array([number.get(frame, -1) for frame in frames], np.int64)

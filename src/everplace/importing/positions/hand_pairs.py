@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.route.csv_table import CsvTable
+from everplace.route.spelling import spelling_hint
 
 __all__ = ["read_pairs"]
 
@@ -43,7 +44,7 @@ def read_pairs(path: Path, reference: str, drives: Mapping[str, Sequence[str]]) 
         RouteError: The file is missing or malformed, names a drive or frame that does not exist, goes back, or
             has fewer than two pairs for a drive.
     """
-    table = CsvTable(path, remedy="check --pairs")
+    table = CsvTable(path, remedy="check `pairs`")
     columns = _columns(table, reference, drives)
     numbers = {name: {stem: number for number, stem in enumerate(drives[name])} for name in columns}
     found: dict[str, list[tuple[int, int]]] = {name: [] for name in columns if name != reference}
@@ -51,7 +52,8 @@ def read_pairs(path: Path, reference: str, drives: Mapping[str, Sequence[str]]) 
         cells = {name: row.cells[column].strip() for name, column in columns.items()}
         for name, stem in cells.items():
             if stem and stem not in numbers[name]:
-                raise row.wrong(f"names the frame {stem!r}, which {name!r} does not have; correct the stem")
+                hint = spelling_hint([stem], numbers[name])
+                raise row.wrong(f"names the frame {stem!r}, which {name!r} does not have; correct the stem{hint}")
         for name, pairs in found.items():
             if cells[reference] and cells[name]:
                 pair = (numbers[reference][cells[reference]], numbers[name][cells[name]])
@@ -80,6 +82,6 @@ def _columns(table: CsvTable, reference: str, drives: Mapping[str, Sequence[str]
         example = readable(",".join([reference, *others]))
         raise RouteError(
             f"{readable(table.path)} has no column for {missing[0]!r} in its first line; it must name the drives, like "
-            f"{example}"
+            f"{example}{spelling_hint(missing, table.columns)}"
         )
     return {name: name for name in drives}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.importing.foreign_route import ForeignFrame
+from everplace.importing.foreign_route import NOT_KNOWN, ForeignFrame
 from everplace.importing.positions.trajectory import Trajectory, plane_poses
 from everplace.importing.recording import RecordingOptions
 from everplace.route.csv_table import CsvTable
@@ -42,31 +42,41 @@ class PoseTrack:
         origin: Where they come from, for messages.
         trajectory: The poses; the world's z points up.
         axis: Where the camera looks, in the frame of the body whose poses they are.
+        unknown: Moments at which the recording says that it does not know the pose, in seconds.
     """
 
     origin: str
     trajectory: Trajectory
     axis: tuple[float, float, float] = BODY_AXIS
+    unknown: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
     def at(self, seconds: float, limit: float) -> Pose | None:
-        """Returns the pose at a moment; None if no pose is within `limit` seconds of it."""
+        """Returns the pose at a moment, as far as `limit` seconds from one that is known.
+
+        Without one it is `NOT_KNOWN` where the recording says within `limit` seconds that it does not know, else None.
+        """
         positions, rotations, known = self.trajectory.at(np.array([seconds]), limit)
-        return plane_poses(positions, rotations, "z", self.axis)[0] if known[0] else None
+        if known[0]:
+            return plane_poses(positions, rotations, "z", self.axis)[0]
+        return NOT_KNOWN if (np.abs(self.unknown - seconds) <= limit).any() else None
 
 
-def planar_track(origin: str, seconds: NDArray[np.float64], poses: NDArray[np.float64]) -> PoseTrack:
-    """Makes a track of N times and N×3 poses x, y, heading; N is at least 1."""
+def planar_track(
+    origin: str, seconds: NDArray[np.float64], poses: NDArray[np.float64], unknown: NDArray[np.float64] | None = None
+) -> PoseTrack:
+    """Makes a track of N times and N×3 poses x, y, heading; N is at least 1. `unknown`: see `PoseTrack`."""
     from scipy.spatial.transform import Rotation
 
     positions = np.column_stack([poses[:, :2], np.zeros(len(poses))])
     turns = Rotation.from_euler("z", poses[:, 2:])
-    return PoseTrack(origin, Trajectory.of(seconds.tolist(), positions.tolist(), turns))
+    trajectory = Trajectory.of(seconds.tolist(), positions.tolist(), turns)
+    return PoseTrack(origin, trajectory, unknown=np.zeros(0) if unknown is None else unknown)
 
 
 def with_poses(
     frames: Iterator[ForeignFrame], track: PoseTrack | None, options: RecordingOptions, drive: str
 ) -> Iterator[ForeignFrame]:
-    """Adds the pose at each frame's time, interpolated between the two around it.
+    """Adds the pose at each frame's time, interpolated between the two around it; it may be `NOT_KNOWN`.
 
     Args:
         frames: Frames with times.
@@ -87,13 +97,13 @@ def with_poses(
                 "for it; name the poses by stem instead"
             )
         pose = track.at(frame.seconds, options.pose_limit)
-        if pose is not None:
+        if pose is not None and (pose is not NOT_KNOWN or options.without_pose == "refuse"):
             yield frame._replace(pose=pose)
         elif options.without_pose == "refuse":
             raise RouteError(
                 f"{track.origin} has no pose within {options.pose_limit:g} s of the frame {frame.stem!r} of "
-                f"{readable(drive)}, at {frame.seconds:.3f} s; leave such frames out with --set without_pose=drop, or "
-                "allow more with --set pose_limit"
+                f"{readable(drive)}, at {frame.seconds:.3f} s; leave such frames out with `without_pose=drop`, or "
+                "allow more with `pose_limit`"
             )
 
 

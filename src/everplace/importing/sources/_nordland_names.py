@@ -123,9 +123,7 @@ def read_list(path: Path) -> list[Named]:
     except UnicodeDecodeError as error:
         raise RouteError(f"the list {readable(path)} is not UTF-8 text; save it with one name in each line") from error
     except OSError as error:
-        raise RouteError(
-            f"cannot read the list {readable(path)}: {error.strerror or error}; check --set list"
-        ) from error
+        raise RouteError(f"cannot read the list {readable(path)}: {error.strerror or error}; check `list`") from error
     frames = list(_named(lines, season_of(path.stem)))
     if not frames:
         raise RouteError(f"the list {readable(path)} names no frame; it must hold one name in each line")

@@ -11,7 +11,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -23,13 +24,13 @@ from everplace.files import readable
 from everplace.images.formats import image_ending
 from everplace.images.sixteen_bits import SixteenBits
 from everplace.importing.containers.file_trees import TreePath
-from everplace.importing.containers.ros_bag import BAG_ENDINGS, METADATA, Bag, Topic, open_bag
+from everplace.importing.containers.ros_bag import BAG_ENDINGS, METADATA, Topic, read_messages, read_topics
 from everplace.importing.containers.ros_image import image_pixels
 from everplace.importing.foreign_route import Content, Encoded, ForeignFrame, ForeignRoute
-from everplace.importing.positions.geodesy import local_plane, track_headings
-from everplace.importing.positions.pose_track import BODY_AXIS, PoseTrack, planar_track, with_poses
-from everplace.importing.positions.trajectory import OPTICAL_AXIS, Trajectory, rotation_of
-from everplace.importing.recording import Drive, RecordingOptions, passed_over, recorded_route
+from everplace.importing.positions.pose_track import with_poses
+from everplace.importing.recording import Drive, passed_over, recorded_route
+from everplace.importing.recording_parts import PartOptions, Recording, find_recordings
+from everplace.importing.sources._bag_poses import FIX, POSES, Clock, first_position, read_track, stamp_of
 from everplace.route.natural_order import natural_sorted
 
 __all__ = ["EXTRAS", "SUMMARY", "Options", "read"]
@@ -47,12 +48,6 @@ _OTHER_ENDINGS = tuple(
 """Endings of bags that cannot be read: still open when recording stopped, compressed, or broken downloads."""
 
 _IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
-_FIX = "sensor_msgs/msg/NavSatFix"
-_POSES = (
-    "nav_msgs/msg/Odometry",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "geometry_msgs/msg/PoseStamped",
-)
 
 
 def _check_origin(origin: tuple[float, ...]) -> tuple[float, ...]:
@@ -61,14 +56,14 @@ def _check_origin(origin: tuple[float, ...]) -> tuple[float, ...]:
     return origin
 
 
-class Options(RecordingOptions):
+class Options(PartOptions):
     """Options of the kind."""
 
     topic: str = ""
     """The image topic; by default the only one."""
     poses: str = ""
     """The topic of positions or poses, or none to leave them out; by default the only one."""
-    clock: Literal["header", "recorded"] = "header"
+    clock: Clock = "header"
     """Which times count: header, the stamps of the messages, or recorded, when they were written."""
     ahead: Literal["x", "z"] = "x"
     """Which axis of the body, whose poses are recorded, is the camera's: x, or z where they are those of the camera
@@ -81,105 +76,128 @@ def read(source: Path, options: Options) -> ForeignRoute:
     """Opens one or several bags.
 
     Raises:
-        RouteError: There is no bag, one is damaged, or lacks the topics.
-        ConfigError: There are not as many conditions as bags, or a choice between topics is left open.
+        RouteError: There is no bag, one is damaged, or lacks the topics; bags that are joined are not in the order of
+            time.
+        ConfigError: There are not as many conditions as bags, a choice between topics is left open, or a bag that is
+            to be joined is not there.
         MissingExtraError: rosbags is not installed.
     """
-    paths = _find_bags(source)
-    others = TreePath(source).children().files if source.is_dir() and source.absolute() not in paths else []
-    origin = options.origin
-    drives: list[Drive] = []
-    notes = passed_over(source, others, "bags", _OTHER_ENDINGS)
-    for path in paths:
-        with open_bag(path) as bag:
-            images = _choose(bag, path, "image", "topic", options.topic, (_IMAGE, _COMPRESSED))
-            poses = _choose_poses(bag, path, options)
-            if poses is not None and _FIX in poses.types and not origin:
-                origin = _first_position(bag, poses, path)
-        dropping = poses is not None and options.without_pose == "drop"
-        frames = _frames(path, images, poses, options, origin)
-        drives.append(Drive(path.name if path.is_dir() else path.stem, frames, None if dropping else images.count))
-        if poses is None and options.poses != "none":
-            notes.append(f"{readable(path)} holds no topic of positions or poses.")
-    if origin:
-        notes.append(
-            f"Positions are metres east and north of latitude {origin[0]:.7f}, longitude {origin[1]:.7f}, on the plane "
-            "that touches the WGS 84 ellipsoid there; import other drives of this route with "
-            f"--set origin={origin[0]!r},{origin[1]!r}."
-        )
-    return recorded_route(source, drives, options, notes)
-
-
-def _find_bags(source: Path) -> list[Path]:
-    if not source.is_dir():
-        return [source]
-    if (source / METADATA).exists():
-        return [source.absolute()]
-    directories, files = TreePath(source).children()
-    names = [name for name in files if name.lower().endswith(tuple(BAG_ENDINGS))]
-    names += [name for name in directories if (source / name / METADATA).exists()]
-    paths = [source / name for name in natural_sorted(names)]
-    if not paths:
+    is_bag = (source / METADATA).exists()
+    # A name of its own even where the source is given as `.`
+    recordings, notes = find_recordings(source.absolute() if is_bag else source, options.join, _bags, whole=is_bag)
+    if not recordings:
         raise RouteError(
             f"{readable(source)} holds no bag ({', '.join(sorted(BAG_ENDINGS))}, or a directory with {METADATA}); give "
             "a bag or a directory of bags"
         )
-    return paths
+    if source.is_dir() and not is_bag:
+        for directory in dict.fromkeys(path.parent for one in recordings for path in one.parts):
+            notes += passed_over(directory, TreePath(directory).children().files, "bags", _OTHER_ENDINGS)
+    origin = options.origin
+    drives: list[Drive] = []
+    for recording in recordings:
+        paths, label = recording.parts, _label(recording)
+        topics = read_topics(paths, (_IMAGE, _COMPRESSED, FIX, *POSES))
+        images = _choose(topics, label, "image", "topic", options.topic, (_IMAGE, _COMPRESSED))
+        poses = _choose_poses(topics, label, options)
+        if poses is None and options.poses != "none":
+            notes.append(f"{label} holds no topic of positions or poses.")
+        elif poses is not None and FIX in poses.types:
+            first = first_position(paths, poses)
+            origin = origin or first or ()
+            if first is None and not options.poses:
+                notes.append(f"The topic {poses.name} of {label} holds no position, so the drive gets no poses.")
+                poses = None
+        dropping = poses is not None and options.without_pose == "drop"
+        frames = _frames(recording, images, poses, options, origin)
+        drives.append(Drive(recording.name, frames, None if dropping else images.count))
+    if origin:
+        notes.append(
+            f"Positions are metres east and north of latitude {origin[0]:.7f}, longitude {origin[1]:.7f}, on the plane "
+            "that touches the WGS 84 ellipsoid there; import other drives of this route with "
+            f"`origin`={origin[0]!r},{origin[1]!r}."
+        )
+    return recorded_route(source, drives, options, notes)
 
 
-def _choose(bag: Bag, path: Path, what: str, option: str, wanted: str, types: tuple[str, ...]) -> Topic:
+def _bags(directory: Path) -> list[str]:
+    directories, files = TreePath(directory).children()
+    names = [name for name in files if name.lower().endswith(tuple(BAG_ENDINGS))]
+    # A directory beside a bag may be one that nobody may look into.
+    names += [name for name in directories if os.path.exists(directory / name / METADATA)]  # noqa: PTH110
+    return natural_sorted(names)
+
+
+def _label(recording: Recording) -> str:
+    """What a drive is called in messages."""
+    first = recording.parts[0]
+    return readable(first if len(recording.parts) == 1 else first.parent)
+
+
+def _choose(found: Sequence[Topic], label: str, what: str, option: str, wanted: str, types: tuple[str, ...]) -> Topic:
     """Returns the wanted topic, or the only one with messages of these types.
 
     Raises:
         RouteError: There is none.
         ConfigError: There are several, or not the wanted one.
     """
-    topics = [topic for topic in bag.topics(types) if topic.count]
+    topics = [topic for topic in found if topic.types.intersection(types)]
     offer = ", ".join(readable(f"{topic.name} ({', '.join(sorted(topic.types))})") for topic in topics)
     if not topics:
-        raise RouteError(f"{readable(path)} holds no {what} topic with messages ({', '.join(types)}); check the bag")
+        raise RouteError(f"{label} holds no {what} topic with messages ({', '.join(types)}); check the bag")
     chosen = [topic for topic in topics if topic.name == wanted] if wanted else topics
     if not chosen:
-        raise ConfigError(f"{readable(path)} holds no {what} topic {wanted!r}; choose one with --set {option}: {offer}")
+        raise ConfigError(f"{label} holds no {what} topic {wanted!r}; choose one with `{option}`: {offer}")
     if len(chosen) > 1:
-        raise ConfigError(f"{readable(path)} holds several {what} topics; choose one with --set {option}: {offer}")
+        raise ConfigError(f"{label} holds several {what} topics; choose one with `{option}`: {offer}")
     if len(chosen[0].types) > 1:
         raise RouteError(
-            f"the topic {readable(chosen[0].name)} of {readable(path)} mixes "
+            f"the topic {readable(chosen[0].name)} of {label} mixes "
             f"{readable(', '.join(sorted(chosen[0].types)))}; record them apart"
         )
     return chosen[0]
 
 
-def _choose_poses(bag: Bag, path: Path, options: Options) -> Topic | None:
-    types = (_FIX, *_POSES)
-    if options.poses == "none" or not (options.poses or any(topic.count for topic in bag.topics(types))):
+def _choose_poses(found: Sequence[Topic], label: str, options: Options) -> Topic | None:
+    types = (FIX, *POSES)
+    if options.poses == "none" or not (options.poses or any(topic.types.intersection(types) for topic in found)):
         return None
-    return _choose(bag, path, "pose", "poses", options.poses, types)
+    return _choose(found, label, "pose", "poses", options.poses, types)
 
 
 def _frames(
-    path: Path, images: Topic, poses: Topic | None, options: Options, origin: tuple[float, ...]
+    recording: Recording, images: Topic, poses: Topic | None, options: Options, origin: tuple[float, ...]
 ) -> Iterator[ForeignFrame]:
-    with open_bag(path) as bag:
-        track = None if poses is None else _read_track(bag, poses, path, options, origin)
-        yield from with_poses(_read_images(bag, images, path, options), track, options, path.name)
+    paths = recording.parts
+    track = None if poses is None else read_track(paths, poses, _label(recording), options.clock, options.ahead, origin)
+    drive = paths[0].name if len(paths) == 1 else recording.name
+    yield from with_poses(_read_images(paths, images, options), track, options, drive)
 
 
-def _read_images(bag: Bag, topic: Topic, path: Path, options: Options) -> Iterator[ForeignFrame]:
+def _read_images(paths: Sequence[Path], topic: Topic, options: Options) -> Iterator[ForeignFrame]:
+    """Yields the images of all parts; the numbers go on from part to part.
+
+    Raises:
+        RouteError: A part begins before the one before it.
+    """
     (message_type,) = topic.types
-    number = -1
     scale = options.scale()
-    for number, (recorded, message) in enumerate(bag.messages(topic.name, message_type)):
-        where = f"message {number} of {topic.name} in {readable(path)}"
-        content = _encoded(message, where) if message_type == _COMPRESSED else _pixels(message, where, scale)
-        seconds = _seconds(recorded, message, where, options)
-        yield ForeignFrame(f"{number:06d}", content, seconds=seconds, scale=scale)
-    if number + 1 < topic.count:
-        raise RouteError(
-            f"{readable(path)} announces {topic.count} messages of {topic.name}, but holds only {number + 1}; reindex "
-            "or recover it"
-        )
+    total = 0
+    began = -math.inf
+    for path in paths:
+        messages = read_messages(path, topic.name, message_type, complete=True)
+        for number, (recorded, message) in enumerate(messages):
+            where = f"message {number} of {topic.name} in {readable(path)}"
+            seconds = stamp_of(recorded, message, where, options.clock)
+            if number == 0 and seconds < began:
+                raise RouteError(
+                    f"{readable(path)} begins before the part that it follows; name the parts in the order of time "
+                    "with `join=FIRST,SECOND,...`"
+                )
+            began = seconds if number == 0 else began
+            content = _encoded(message, where) if message_type == _COMPRESSED else _pixels(message, where, scale)
+            yield ForeignFrame(f"{total:06d}", content, seconds=seconds, scale=scale)
+            total += 1
 
 
 def _pixels(message: Any, where: str, scale: SixteenBits) -> Content:
@@ -206,76 +224,3 @@ def _encoded(message: Any, where: str) -> Content:
             "the topic or choose another"
         )
     return Encoded(data, ending)
-
-
-def _seconds(recorded: int, message: Any, where: str, options: Options) -> float:
-    if options.clock == "recorded":
-        return recorded * 1e-9
-    stamp = message.header.stamp
-    if stamp.sec == 0 and stamp.nanosec == 0:
-        raise RouteError(f"{where} has no time stamp; take the times of recording with --set clock=recorded")
-    return float(stamp.sec) + float(stamp.nanosec) * 1e-9
-
-
-def _first_position(bag: Bag, topic: Topic, path: Path) -> tuple[float, float]:
-    for _, message in bag.messages(topic.name, _FIX):
-        if _is_fixed(message):
-            return float(message.latitude), float(message.longitude)
-    raise _without_poses(topic, path)
-
-
-def _is_fixed(message: Any) -> bool:
-    """Says whether a receiver knew where it was (status -1: it did not; nor at exactly 0, 0, whatever the status)."""
-    latitude, longitude = message.latitude, message.longitude
-    return bool(
-        message.status.status >= 0 and abs(latitude) <= 90 and abs(longitude) <= 180 and (latitude or longitude)
-    )
-
-
-def _without_poses(topic: Topic, path: Path) -> RouteError:
-    return RouteError(
-        f"the topic {topic.name} of {readable(path)} holds no position; choose another or none with --set poses"
-    )
-
-
-def _read_track(bag: Bag, topic: Topic, path: Path, options: Options, origin: tuple[float, ...]) -> PoseTrack:
-    """Reads all positions or poses of a topic.
-
-    Raises:
-        RouteError: There is none, or one is not finite or has no direction.
-    """
-    (message_type,) = topic.types
-    label = f"the topic {topic.name} of {readable(path)}"
-    seconds: list[float] = []
-    values: list[list[float]] = []
-    for number, (recorded, message) in enumerate(bag.messages(topic.name, message_type)):
-        where = f"message {number} of {topic.name} in {readable(path)}"
-        if message_type == _FIX:
-            if not _is_fixed(message):
-                continue
-            values.append([message.latitude, message.longitude])
-        else:
-            values.append(_pose_values(message, where))
-        seconds.append(_seconds(recorded, message, where, options))
-    if not values:
-        raise _without_poses(topic, path)
-    table = np.array(values, dtype=np.float64)
-    if message_type == _FIX:
-        order = np.argsort(seconds, kind="stable")
-        positions = local_plane(table[order], (origin[0], origin[1]))
-        return planar_track(label, np.array(seconds)[order], np.column_stack([positions, track_headings(positions)]))
-    axis = BODY_AXIS if options.ahead == "x" else OPTICAL_AXIS
-    return PoseTrack(label, Trajectory.of(seconds, table[:, :3].tolist(), rotation_of(table[:, 3:].tolist())), axis)
-
-
-def _pose_values(message: Any, where: str) -> list[float]:
-    """Returns the position and the quaternion x, y, z, w."""
-    pose = message.pose if hasattr(message.pose, "position") else message.pose.pose
-    position, q = pose.position, pose.orientation
-    values = [float(value) for value in (position.x, position.y, position.z, q.x, q.y, q.z, q.w)]
-    if not all(map(math.isfinite, values)) or not 0.95 < math.hypot(*values[3:]) < 1.05:
-        raise RouteError(
-            f"{where} has a position that is not finite or a quaternion whose length is not 1; choose another topic "
-            "or none with --set poses"
-        )
-    return values

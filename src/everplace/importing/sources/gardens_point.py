@@ -79,6 +79,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         ),
         tolerance=options.tolerance,
         notes=tuple(notes),
+        truth_from="the data set's frame numbers, which are in step over the walks",
     )
 
 

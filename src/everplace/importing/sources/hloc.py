@@ -54,7 +54,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     pairs_file = place / options.pairs
     pairs = _read_pairs(pairs_file)
     if not pairs:
-        raise RouteError(f"{readable(pairs_file)} names no pair; give hloc's file of pairs with --set pairs=FILE")
+        raise RouteError(f"{readable(pairs_file)} names no pair; give hloc's file of pairs with `pairs=FILE`")
     queries = _side(place, options.queries, [query for query, _ in pairs], pairs_file)
     database = _side(place, options.database, [image for _, image in pairs], pairs_file)
     together = not set(queries).isdisjoint(database)
@@ -73,6 +73,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         ),
         truth=(TruthPair(first, stems[first][query], second, stems[second][image]) for query, image in pairs),
         notes=tuple(notes),
+        truth_from=f"the pairs of {readable(options.pairs)}",
     )
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.errors import RouteError
+from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.images.decoding import is_image_name
 from everplace.images.frame_names import unread_pictures
@@ -22,7 +22,7 @@ from everplace.importing.positions.pose_track import PoseTrack, read_pose_track,
 from everplace.importing.recording import Drive, RecordingOptions, recorded_route
 from everplace.route.csv_table import CsvTable, read_poses, read_times
 from everplace.route.folder import POSES_CSV, TIMES_CSV, open_traverse
-from everplace.route.route_toml import read_route_toml
+from everplace.route.route_toml import RouteToml, read_route_toml
 from everplace.route.traverse import Pose, Traverse
 
 __all__ = ["SUMMARY", "Options", "read"]
@@ -53,10 +53,18 @@ def read(source: Path, options: RecordingOptions) -> ForeignRoute:
             f"{readable(source)} holds no image, nor do its directories{unread}; give a directory of images"
         )
     others = [name for name in directories if name not in holding]
-    # Numbers that the import gives are others than those of which a route.toml speaks.
-    aligned = options.stems != "file" or read_route_toml(source).aligned
     drives = [_open(source / name, options) for name in holding]
-    return recorded_route(source, drives, options, _left_out(others), aligned=aligned)
+    return recorded_route(source, drives, options, _left_out(others), told=_told(source, options))
+
+
+def _told(source: Path, options: RecordingOptions) -> RouteToml:
+    """Reads what a route says of itself; where its frames get new names, one that is wrong is of no consequence."""
+    try:
+        return read_route_toml(source)
+    except ConfigError:
+        if options.stems == "file":
+            raise
+        return RouteToml()
 
 
 def _left_out(directories: Sequence[str]) -> tuple[str, ...]:

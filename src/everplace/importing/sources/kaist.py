@@ -12,7 +12,7 @@ taken. Positions come from `gps/setNN/VNNN.csv` (see `everplace.importing.positi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -82,7 +82,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     conditions = {sequence.key: condition_of(table, sequence.key) for sequence in sequences}
     if options.preset:
         _check_paper(source, conditions)
-    poses = _poses(source, sequences, options)
+    poses, unplaced = _poses(source, sequences, options)
     chosen = {
         sequence.key: np.flatnonzero(np.isfinite(poses[sequence.key][:, 0]))
         if sequence.key in poses
@@ -90,7 +90,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         for sequence in sequences
     }
     notes = [_LICENCE, *(note for sequence in sequences for note in sequence.notes)]
-    notes += _notes_on_conditions(conditions) + _notes_on_positions(sequences, poses)
+    notes += [*_notes_on_conditions(conditions), *_notes_on_positions(sequences, poses), *unplaced]
     if options.align:
         counts = {key: len(frames) for key, frames in chosen.items()}
         chosen = _aligned(sequences, chosen, poses, options)
@@ -102,17 +102,27 @@ def read(source: Path, options: Options) -> ForeignRoute:
         _traverses(sequences, conditions, chosen, poses, aligned=bool(options.align)),
         notes=tuple(notes),
         protocol=_PAPER_PROTOCOL if options.preset else "",
+        truth_from=_truth_from(options, poses),
     )
+
+
+def _truth_from(options: Options, poses: Mapping[str, NDArray[np.float64]]) -> str:
+    """Says where the knowledge of which frames show the same place comes from; empty: there is none."""
+    if options.pairs is not None:
+        return f"the pairs of frames in {readable(options.pairs.name)}, set by hand"
+    if options.align == "gps":
+        return f"positions by GPS, within {options.radius:g} m"
+    return "positions by GPS" if poses else ""
 
 
 def _check(options: Options) -> None:
     """Raises `ConfigError` for options that do not go together."""
     if options.preset and not options.align:
-        raise ConfigError("preset paper needs sequences that are aligned; add --set align=gps or --set align=pairs")
+        raise ConfigError("preset paper needs sequences that are aligned; add `align=gps` or `align=pairs`")
     if options.align == "pairs" and options.pairs is None:
-        raise ConfigError("align=pairs needs the pairs; add --set pairs=FILE.csv")
+        raise ConfigError("align=pairs needs the pairs; add `pairs=FILE.csv`")
     if options.pairs is not None and options.align != "pairs":
-        raise ConfigError("pairs are of no use without --set align=pairs; add it, or leave the pairs out")
+        raise ConfigError("pairs are of no use without `align=pairs`; add it, or leave the pairs out")
 
 
 def _check_paper(source: Path, conditions: dict[str, str]) -> None:
@@ -120,13 +130,13 @@ def _check_paper(source: Path, conditions: dict[str, str]) -> None:
     if len(conditions) != _PAPER_SEQUENCES:
         raise RouteError(
             f"preset paper needs {_PAPER_SEQUENCES} sequences, but {readable(source)} gives {len(conditions)}; "
-            "choose them with --set sequences=setNN/VNNN,..."
+            "choose them with `sequences=setNN/VNNN,...`"
         )
     for key, condition in conditions.items():
         if condition not in _PAPER_CONDITIONS:
             raise RouteError(
                 f"preset paper knows the conditions {', '.join(sorted(_PAPER_CONDITIONS))}, but that of {key} is "
-                f"{condition or 'not known'}; say it with --set conditions={key}:night,..."
+                f"{condition or 'not known'}; say it with `conditions`={key}:night,..."
             )
 
 
@@ -143,8 +153,10 @@ def _paper_places(source: Path, chosen: dict[str, NDArray[np.int64]]) -> dict[st
     return {key: frames[positions] for key, frames in chosen.items()}
 
 
-def _poses(source: Path, sequences: Sequence[KaistSequence], options: Options) -> dict[str, NDArray[np.float64]]:
-    """Reads the poses of the sequences that have a GPS file, all in one plane."""
+def _poses(
+    source: Path, sequences: Sequence[KaistSequence], options: Options
+) -> tuple[dict[str, NDArray[np.float64]], list[str]]:
+    """Reads the poses of the sequences that have a GPS file, all in one plane, and says of which it holds no fix."""
     tracks: dict[str, GpsTrack] = {}
     for sequence in sequences:
         folder, _, video = sequence.key.partition("/")
@@ -158,18 +170,26 @@ def _poses(source: Path, sequences: Sequence[KaistSequence], options: Options) -
             tracks[sequence.key] = read_gps(path)
         elif options.align == "gps":
             raise RouteError(f"align=gps needs {readable(path)}, which does not exist; set gps= or align by pairs")
-    origins = [track.positions[0] for track in tracks.values() if track.degrees]
+    origins = [track.positions[0] for track in tracks.values() if track.degrees and len(track.positions)]
     origin = (float(origins[0][0]), float(origins[0][1])) if origins else (0.0, 0.0)
-    return {
-        sequence.key: poses_on_track(
-            tracks[sequence.key],
-            sequence.frames,
-            None if tracks[sequence.key].seconds is None else sequence.seconds(),
-            origin,
-        )
-        for sequence in sequences
-        if sequence.key in tracks
-    }
+    poses: dict[str, NDArray[np.float64]] = {}
+    notes: list[str] = []
+    for sequence in sequences:
+        track = tracks.get(sequence.key)
+        if track is None:
+            continue
+        seconds = None if track.seconds is None else sequence.seconds()
+        found = poses_on_track(track, sequence.frames, seconds, origin)
+        if not track.lost or np.isfinite(found[:, 0]).any():
+            poses[sequence.key] = found
+        elif options.align == "gps":
+            raise RouteError(
+                f"align=gps needs positions, and {readable(track.path)} holds no fix (0, 0 is none) near a frame; "
+                f"leave {sequence.key} out with sequences=, or align by pairs"
+            )
+        else:
+            notes.append(f"{readable(track.path)} holds no fix near a frame: {sequence.key} gets no poses.")
+    return poses, notes
 
 
 def _aligned(
@@ -239,7 +259,7 @@ def _notes_on_conditions(conditions: dict[str, str]) -> list[str]:
         return []
     return [
         f"No condition is known for {', '.join(unknown)}: the traverse's name stands for it. Say it with "
-        f"--set conditions={unknown[0]}:night,..."
+        f"`conditions`={unknown[0]}:night,..."
     ]
 
 

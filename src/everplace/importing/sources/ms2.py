@@ -70,13 +70,14 @@ class Options(ScaledOptions):
 
 @dataclass(frozen=True, eq=False)
 class _Drive:
-    """One sequence; `positions` are degrees, `seconds` None where the times are not there."""
+    """One sequence; `positions` are degrees, `seconds` None where the times are not there, `lost` frames left out."""
 
     name: str
     directory: TreePath
     files: tuple[str, ...] = field(repr=False)
     positions: NDArray[np.float64] | None = field(repr=False)
     seconds: NDArray[np.float64] | None = field(repr=False)
+    lost: int
     scale: SixteenBits
 
 
@@ -108,15 +109,20 @@ def read(source: Path, options: Options) -> ForeignRoute:
     fixes = [drive.positions[0] for drive in drives if drive.positions is not None]
     origin = (float(fixes[0][0]), float(fixes[0][1])) if fixes else (0.0, 0.0)
     notes.append(_LICENCE)
-    bare = [readable(drive.name) for drive in drives if drive.positions is None]
+    bare = [readable(drive.name) for drive in drives if drive.positions is None and not drive.lost]
     notes += [f"{name} has no gps_imu/data: it gets no poses." for name in bare]
+    notes += [_note_on_fixes(drive) for drive in drives if drive.lost]
     notes += [
         f"The 16-bit values {drive.scale.low}:{drive.scale.high} of {readable(drive.name)} became 0 to 255, which is "
-        "what its frames use; --set range or bits gives all drives one scale."
+        "what its frames use; `range` or `bits` gives all drives one scale."
         for drive in drives
         if options.range is None and options.bits is None and not drive.scale.is_whole
     ]
-    return ForeignRoute(_traverses(drives, origin, table), notes=tuple(notes))
+    return ForeignRoute(
+        _traverses(drives, origin, table),
+        notes=notes,
+        truth_from="positions by GPS" if fixes else "",
+    )
 
 
 def _traverses(
@@ -169,13 +175,33 @@ def _open(root: TreePath, options: Options) -> _Drive:
     gps = root / "gps_imu" / "data"
     chosen = stems[:: options.every]
     positions = _read_positions(gps, chosen, f"an image of {readable(directory)}") if gps.is_dir() else None
+    files = np.array([names[stem] for stem in chosen], dtype=object)
+    times = None if times is None else times[:: options.every]
+    fixed = np.ones(len(files), np.bool_) if positions is None else positions.any(axis=1)
+    lost = int((~fixed).sum())
+    if lost == len(files):
+        scale = _scale(directory, tuple(files), options)
+        return _Drive(root.name, directory, tuple(files), None, times, lost, scale)
+    kept = tuple(files[fixed])
     return _Drive(
         root.name,
         directory,
-        tuple(names[stem] for stem in chosen),
-        positions,
-        None if times is None else times[:: options.every],
-        _scale(directory, [names[stem] for stem in chosen], options),
+        kept,
+        None if positions is None else positions[fixed],
+        None if times is None else times[fixed],
+        lost,
+        _scale(directory, kept, options),
+    )
+
+
+def _note_on_fixes(drive: _Drive) -> str:
+    """Says what became of frames at exactly 0, 0 degrees, where the receiver had no fix."""
+    name = readable(drive.name)
+    if drive.positions is None:
+        return f"{name} holds no fix in gps_imu/data, 0, 0 throughout: it gets no poses."
+    return (
+        f"{drive.lost} of {drive.lost + len(drive.files)} frames of {name} are at exactly 0, 0, where the receiver had "
+        "no fix, and were left out."
     )
 
 

@@ -74,6 +74,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
             for reference in sorted(set().union(*ranges))
         ),
         notes=tuple(notes),
+        truth_from=f"the data set's list of true matches, {readable(options.truth)}",
     )
 
 

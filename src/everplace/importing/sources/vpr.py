@@ -92,6 +92,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         ),
         radius=options.radius,
         notes=tuple(notes),
+        truth_from="the positions (UTM) in the names of the data set's images",
     )
 
 
@@ -105,7 +106,7 @@ def _find(source: Path, split: str) -> tuple[TreePath, list[str]]:
         if _is_split(candidate):
             return candidate, notes
     there = [name for name in _SPLITS if any(one.is_dir() for one in _places(root, name))]
-    remedy = f"choose --set split= one of {', '.join(there)}" if there else "give the directory above images"
+    remedy = f"choose `split`= one of {', '.join(there)}" if there else "give the directory above images"
     raise RouteError(f"{readable(source)} holds no images/{split} with the directories database and queries; {remedy}")
 
 

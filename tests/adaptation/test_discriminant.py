@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from everplace.adapt.discriminant import PlaceScatter
+from everplace.adaptation.discriminant import PlaceScatter
 
 
 def scatter_of(features: NDArray[np.float32], block: int = 1000) -> PlaceScatter:

@@ -6,9 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-__all__ = ["PlaceScatter", "Projection"]
+__all__ = ["PlaceScatter", "Projection", "add_ridge", "leading_directions"]
+
+_WHOLE = 2048
+"""Features up to which all of an eigenproblem is reduced; of larger ones only the leading vectors are iterated for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +26,61 @@ class Projection:
 
     weight: NDArray[np.float64]
     bias: NDArray[np.float64]
+
+    @classmethod
+    def standardised(
+        cls, directions: NDArray[np.float64], mean: NDArray[np.float64], second_moment: NDArray[np.float64]
+    ) -> Projection:
+        """The map along directions whose output has mean 0 and, on average over D, variance 1.
+
+        Args:
+            directions: (D, F).
+            mean: (F,), of the features it is to be standardised for.
+            second_moment: F×F, mean outer product of the same.
+        """
+        variance = np.einsum("df,fg,dg->d", directions, second_moment, directions, optimize=True)
+        variance -= np.square(directions @ mean)
+        weight = directions / np.sqrt(max(float(variance.mean()), np.finfo(np.float64).tiny))
+        return cls(weight, -weight @ mean)
+
+
+def leading_directions(
+    between: NDArray[np.float64], within: NDArray[np.float64], dimensions: int
+) -> NDArray[np.float64]:
+    """The directions in which places differ most, measured by how much one place differs from itself.
+
+    The leading generalised eigenvectors of B v = λ W v: Fisher's linear discriminant with places as classes.
+
+    Args:
+        between: B, F×F, symmetric.
+        within: W, F×F, symmetric and positive definite (see `add_ridge`); overwritten.
+        dimensions: D, at most F.
+
+    Returns:
+        (D, F), the strongest first.
+    """
+    features = len(within)
+    if features <= _WHOLE or 4 * dimensions > features:
+        subset = [features - dimensions, features - 1]
+        _, vectors = scipy.linalg.eigh(between, within, subset_by_index=subset, overwrite_b=True)
+        return vectors.T[::-1]
+    lower = scipy.linalg.cholesky(within, lower=True, overwrite_a=True)
+    half = scipy.linalg.solve_triangular(lower, between, lower=True)
+    whitened = scipy.linalg.solve_triangular(lower, half.T, lower=True, overwrite_b=True)
+    start = np.random.default_rng(0).standard_normal(features)  # ARPACK's own would make each call another one
+    _, vectors = scipy.sparse.linalg.eigsh(whitened, dimensions, which="LA", v0=start, tol=1e-6)
+    return scipy.linalg.solve_triangular(lower, vectors, lower=True, trans="T").T[::-1]
+
+
+def add_ridge(within: NDArray[np.float64], ridge: float) -> None:
+    """Adds ridge tr(W)/F I to W, so that directions are kept out in which a few frames happen to agree (Friedman 1989).
+
+    Args:
+        within: W, F×F; changed in place.
+        ridge: In units of the mean variance within places; positive.
+    """
+    features = len(within)
+    within[np.diag_indices(features)] += ridge * np.trace(within) / features + np.finfo(np.float64).tiny
 
 
 class PlaceScatter:
@@ -79,29 +138,18 @@ class PlaceScatter:
     def discriminant(self, dimensions: int, ridge: float, nuisance: NDArray[np.float64] | None = None) -> Projection:
         """The directions in which places differ most, measured by how much one place differs from itself.
 
-        Fisher's linear discriminant with places as classes; its ridge (Friedman 1989) keeps directions out in which a
-        few training frames happen to agree.
-
         Args:
             dimensions: D, at most F.
-            ridge: Added to the scatter within places, in units of its mean variance; positive.
+            ridge: See `add_ridge`; in units of the scatter within places alone, without `nuisance`.
             nuisance: F×F, further scatter that does not tell places apart; counted as scatter within places.
 
         Returns:
             The projection; over the frames taken in its output has mean 0 and, on average over D, variance 1.
         """
         within = self.within()
-        features = len(within)
-        within[np.diag_indices(features)] += ridge * np.trace(within) / features + np.finfo(np.float64).tiny
+        add_ridge(within, ridge)
         if nuisance is not None:
             within += nuisance
-        _, vectors = scipy.linalg.eigh(
-            self.between(), within, subset_by_index=[features - dimensions, features - 1], overwrite_b=True
-        )
-        weight = vectors.T[::-1]
+        directions = leading_directions(self.between(), within, dimensions)
         frames = self._places * len(self._sums)
-        mean = self._sums.sum(axis=0) / frames
-        variance = np.einsum("df,fg,dg->d", weight, self._frames / frames, weight, optimize=True)
-        variance -= np.square(weight @ mean)
-        weight = weight / np.sqrt(max(float(variance.mean()), np.finfo(np.float64).tiny))
-        return Projection(weight, -weight @ mean)
+        return Projection.standardised(directions, self._sums.sum(axis=0) / frames, self._frames / frames)

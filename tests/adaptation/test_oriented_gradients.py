@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from torch import Tensor
 
-from everplace.adapt.oriented_gradients import OrientedGradients
+from everplace.adaptation.oriented_gradients import OrientedGradients
 
 
 def picture(height: int = 32, width: int = 64, seed: int = 0, channels: int = 1) -> Tensor:

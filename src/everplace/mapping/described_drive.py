@@ -1,0 +1,148 @@
+"""A drive's frames described for a map, as they are read: features, pictures, and what other light changes."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.adaptation.drive_statistics import half_differences
+from everplace.adaptation.moments import Moments
+from everplace.adaptation.other_light import CHANGES, changed
+from everplace.describe.describer import Describer
+from everplace.errors import RouteError
+from everplace.images.decoding import ImageSpec, convert_image
+from everplace.importing.foreign_route import ForeignFrame
+from everplace.importing.frame_pixels import decode_content
+from everplace.mapping.drive_source import DriveFrames
+from everplace.progress import Progress, quiet
+
+__all__ = ["DescribedDrive", "describe_drive", "light_moments", "thumbnail"]
+
+_LIGHT_FRAMES = 512
+_THUMBNAIL = 160
+_QUALITY = 80
+_COLOUR = ImageSpec()
+
+
+@dataclass(frozen=True, eq=False)
+class DescribedDrive:
+    """N frames of one drive.
+
+    Attributes:
+        stems: Their names.
+        features: N×F float16, what the map's method says of them.
+        poses: N×3 (x, y in metres, heading in radians), NaN where unknown.
+        seconds: (N,) when each was taken, NaN where unknown.
+        thumbnails: JPEG files.
+        light: What other light changes in the features, of at most 512 frames; None: not looked at.
+    """
+
+    stems: tuple[str, ...]
+    features: NDArray[np.float16]
+    poses: NDArray[np.float64]
+    seconds: NDArray[np.float64]
+    thumbnails: tuple[bytes, ...]
+    light: Moments | None
+
+    def __len__(self) -> int:
+        """Returns the number of frames."""
+        return len(self.stems)
+
+
+def describe_drive(
+    drive: DriveFrames, describer: Describer, progress: Progress = quiet, *, in_other_light: bool
+) -> DescribedDrive:
+    """Reads and describes a drive; memory holds features and thumbnails, and the images of one batch.
+
+    Args:
+        drive: Its frames.
+        describer: The map's method.
+        progress: Told of the frames.
+        in_other_light: Whether to see what other light changes in them.
+
+    Raises:
+        RouteError: There is no frame.
+        ImageError: A frame cannot be decoded.
+    """
+    stems, poses, seconds, thumbnails = [], [], [], []
+    features: list[NDArray[np.float16]] = []
+    kept = _Thinned(_LIGHT_FRAMES)
+    for batch in _batches(progress(drive.frames, f"describing {drive.name}", drive.count), describer.batch):
+        images = []
+        for frame in batch:
+            whole = decode_content(frame, _COLOUR)
+            thumbnails.append(thumbnail(whole))
+            images.append(convert_image(whole, describer.image))
+            stems.append(frame.stem)
+            poses.append(frame.pose or (np.nan,) * 3)
+            seconds.append(np.nan if frame.seconds is None else frame.seconds)
+        described = describer.describe_batch(np.stack(images))
+        features.append(described.astype(np.float16))
+        if in_other_light:
+            kept.extend(images)
+    if not stems:
+        raise RouteError(f"the drive {drive.name!r} holds no frame; give another")
+    light = light_moments(kept.items, describer, progress) if in_other_light else None
+    return DescribedDrive(
+        tuple(stems),
+        np.concatenate(features),
+        np.array(poses, float),
+        np.array(seconds, float),
+        tuple(thumbnails),
+        light,
+    )
+
+
+def thumbnail(image: NDArray[np.uint8]) -> bytes:
+    """A small JPEG file of H×W×3 RGB pixels."""
+    width = min(_THUMBNAIL, image.shape[1])
+    size = (width, max(1, round(image.shape[0] * width / image.shape[1])))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    _, data = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    return data.tobytes()
+
+
+class _Thinned:
+    """At most twice as many items as wanted, evenly spread over a stream of unknown length."""
+
+    def __init__(self, wanted: int) -> None:
+        self.items: list[NDArray[np.uint8]] = []
+        self._wanted, self._stride, self._seen = wanted, 1, 0
+
+    def extend(self, images: list[NDArray[np.uint8]]) -> None:
+        for image in images:
+            if self._seen % self._stride == 0:
+                self.items.append(image)
+            self._seen += 1
+            if len(self.items) == 2 * self._wanted:
+                self.items = self.items[::2]
+                self._stride *= 2
+
+
+def light_moments(images: Sequence[NDArray[np.uint8]], describer: Describer, progress: Progress = quiet) -> Moments:
+    """What other light, weather and a camera turned a little change in a descriptor of some images.
+
+    Args:
+        images: As `describer.image` says.
+        describer: Gives the features.
+        progress: Told of the batches.
+    """
+    changes = np.empty((len(images), len(CHANGES), describer.dimension), np.float32)
+    starts = range(0, len(images), describer.batch)
+    for start in progress(starts, "in other light", len(starts)):
+        batch = np.stack(images[start : start + describer.batch])
+        before = describer.describe_batch(batch)
+        for number, other in enumerate(changed(batch, start)):
+            changes[start : start + len(batch), number] = half_differences(describer.describe_batch(other), before)
+    return Moments.of(changes.reshape(-1, describer.dimension))
+
+
+def _batches(frames: Iterable[ForeignFrame], size: int) -> Iterator[list[ForeignFrame]]:
+    iterator = iter(frames)
+    while batch := list(itertools.islice(iterator, size)):
+        yield batch

@@ -1,0 +1,185 @@
+"""Answers where a frame was taken on a map, with a probability, and under which condition."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.errors import MapError
+from everplace.images.decoding import convert_image
+from everplace.mapping.calibration import likelihood_ratios_of, place_posterior
+from everplace.mapping.map_learning import project
+from everplace.mapping.place_scores import PlaceFrames, directions
+from everplace.mapping.route_map import Map
+from everplace.route.traverse import Pose
+from everplace.sequences.route_filter import Belief
+from everplace.sequences.route_model import RouteModel
+
+__all__ = ["Localizer", "MapAnswer"]
+
+_REACH = 1
+
+
+@dataclass(frozen=True, slots=True)
+class MapAnswer:
+    """Where a frame was taken.
+
+    Attributes:
+        place: The best place.
+        drive: The drive whose frame of that place is most like the query.
+        database_frame: That frame's name; also where `off_map` is high.
+        score: Cosine between the two, in [-1, 1].
+        probability: That the frame shows the place, or a neighbour of it, in [0, 1].
+        off_map: Probability that it shows no place of the map, in [0, 1].
+        condition: Probability of each condition that the map knows.
+        unseen_condition: Whether it looks like none of them.
+        pose: Where the frame of the map was taken, if that is known.
+        provisional: Whether the probabilities come from elsewhere, as the map knows one drive only.
+        time: As it was given.
+    """
+
+    place: int
+    drive: str
+    database_frame: str
+    score: float
+    probability: float
+    off_map: float
+    condition: dict[str, float]
+    unseen_condition: bool
+    pose: Pose | None
+    provisional: bool
+    time: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON object of `everplace localize --json-lines`, without the frame's own name."""
+        return {**asdict(self), "pose": None if self.pose is None else list(self.pose)}
+
+
+class Localizer:
+    """Answers frame by frame from one version of a map."""
+
+    def __init__(
+        self, map_: Map | str | os.PathLike[str], *, sequence: int = 10, model: RouteModel | None = None
+    ) -> None:
+        """Reads what it needs of the map.
+
+        Args:
+            map_: The map, or its address.
+            sequence: Frames that an answer rests on, the last ones (the sequence filter); 1: each frame alone.
+            model: What is assumed of the drive; None: the defaults.
+
+        Raises:
+            MapError: The map is missing, damaged, or made with what is not here.
+        """
+        opened = map_ if isinstance(map_, Map) else Map.open(map_)
+        self.map = opened
+        table = opened.frames("stem", "place", "position", "x", "y", "heading", "number")
+        places = np.asarray(table["place"])
+        self._order = PlaceFrames(places, np.asarray(table["position"]))
+        rows = self._order.rows
+        self._vectors = directions(opened.descriptors()[rows])
+        stems, drives = table["stem"].to_pylist(), np.array(table["drive"].to_pylist())
+        self._stems = [stems[row] for row in rows.tolist()]
+        self._drives = drives[rows]
+        self._poses = np.stack([np.asarray(table[name]) for name in ("x", "y", "heading")], axis=1)[rows]
+        self._describer = opened.describer()
+        self._projection = opened.projection
+        self._calibration = opened.calibration
+        self._conditions = opened.condition_model
+        self._model = RouteModel() if model is None else model
+        self._seen: deque[NDArray[np.float64]] = deque(maxlen=sequence)
+        self._numbers = np.asarray(table["number"])[rows]
+
+    @property
+    def places(self) -> NDArray[np.int64]:
+        """(P,) the map's places, in the order of travel."""
+        return self._order.places
+
+    @property
+    def provisional(self) -> bool:
+        """Whether its probabilities come from elsewhere, as the map knows one drive only."""
+        return self._calibration.provisional
+
+    def threshold(self, precision: float | None) -> float:
+        """The least probability of a match by which a share `precision` of the matches is right; None: 0."""
+        return 0.0 if precision is None else precision
+
+    def state(self) -> NDArray[np.float64]:
+        """L×P: what it knows of the drive so far, to go on with `restore` in another process."""
+        return np.array(list(self._seen)).reshape(-1, len(self._order))
+
+    def restore(self, state: NDArray[np.float64]) -> None:
+        """Goes on where `state` was taken, on the same version of the map.
+
+        Raises:
+            MapError: It is of another map, or of another version.
+        """
+        if state.ndim != 2 or state.shape[1] != len(self._order):
+            raise MapError("this state is of another map, or of another version of it; begin anew")
+        self._seen.clear()
+        self._seen.extend(np.asarray(state, np.float64))
+
+    def locate(
+        self, image: NDArray[np.uint8], time: float | None = None, *, excluded: tuple[str, int, int] | None = None
+    ) -> MapAnswer:
+        """Answers one frame.
+
+        Args:
+            image: H×W, H×W×1 or H×W×3 (RGB) uint8, of any size.
+            time: Seconds; handed on.
+            excluded: (drive, k, n): frames of that drive of the map that are nearer than n to its k-th do not match,
+                so that a drive that is on the map shows where it comes back.
+
+        Raises:
+            ImageError: The array is no image.
+        """
+        pixels = convert_image(image, self._describer.image)
+        features = self._describer.describe_batch(pixels[None])
+        vector = directions(project(features, self._projection))
+        frames = vector @ self._vectors.T
+        if excluded is not None:
+            drive, number, distance = excluded
+            frames[0, (self._drives == drive) & (np.abs(self._numbers - number) < distance)] = -np.inf
+        scores = self._order.fuse(frames)
+        scores[np.isneginf(scores)] = np.nan
+        self._seen.append(likelihood_ratios_of(scores[0], self._calibration))
+        posterior, off = self._posterior(scores[0])
+        column = int(self._model.worth(posterior[None])[0].argmax())
+        best = self._best_frame(frames[0], column)
+        near = float(posterior[max(column - _REACH, 0) : column + _REACH + 1].sum())
+        pose = self._poses[best]
+        return MapAnswer(
+            place=int(self._order.places[column]),
+            drive=str(self._drives[best]),
+            database_frame=self._stems[best],
+            score=float(frames[0, best]),
+            probability=min(max(near, 0.0), 1.0),
+            off_map=min(max(off, 0.0), 1.0),
+            condition=self._conditions.posterior(features[0]),
+            unseen_condition=self._conditions.unseen(features[0]),
+            pose=None if np.isnan(pose).any() else Pose(*pose.tolist()),
+            provisional=self._calibration.provisional,
+            time=time,
+        )
+
+    def _posterior(self, scores: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
+        """Probability of every place, and of none."""
+        if self._seen.maxlen == 1:
+            found, away = place_posterior(scores, self._calibration)
+            return np.asarray(found), float(away)
+        belief = Belief.start(self._model, 1, len(self._order))
+        for number, ratios in enumerate(self._seen):
+            if number:
+                belief.move(self._model)
+            belief.see(ratios[None])
+        return belief.places[0], float(belief.off[0])
+
+    def _best_frame(self, scores: NDArray[np.float32], column: int) -> int:
+        starts = self._order.starts
+        end = starts[column + 1] if column + 1 < len(starts) else len(scores)
+        return int(starts[column] + scores[starts[column] : end].argmax())

@@ -1,0 +1,309 @@
+"""The tables of a map: frames, descriptors and states, in LanceDB, in a directory or at an object store's address.
+
+Frames and descriptors are written first; the map changes when a row of `states` names their versions, which is one
+atomic commit. A reader takes the newest state and reads the tables at exactly the versions that it names, so it never
+sees half of a change, whatever a writer does meanwhile or wherever it was killed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.errors import MapError, StorageError
+from everplace.files import readable
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["FORMAT", "MapState", "MapTables"]
+
+FORMAT = 1
+_FRAMES, _DESCRIPTORS, _STATES = "frames", "descriptors", "states"
+
+
+@dataclass(frozen=True, eq=False)
+class MapState:
+    """One version of a map.
+
+    Attributes:
+        version: 1, 2, ...
+        created: When, UTC, ISO 8601.
+        document: What is known of it: method, drives, calibration; JSON values.
+        arrays: Numbers by name: the adapter, what other light changes, the conditions' model.
+        frames_version: Version of the table of frames.
+        descriptors_version: Version of the table of descriptors.
+    """
+
+    version: int
+    created: str
+    document: Mapping[str, Any]
+    arrays: Mapping[str, NDArray[Any]] = field(repr=False)
+    frames_version: int = 0
+    descriptors_version: int = 0
+
+
+class MapTables:
+    """Reads and writes the tables at one address."""
+
+    def __init__(self, address: str) -> None:
+        """Connects.
+
+        Args:
+            address: A directory, or what LanceDB takes, such as s3://bucket/map.
+        """
+        import lancedb
+
+        self.address = address
+        self._database = lancedb.connect(address)
+
+    @property
+    def exist(self) -> bool:
+        """Whether a map stands there."""
+        return _STATES in self._names()
+
+    def create(self, features: int, dimensions: int) -> None:
+        """Makes empty tables.
+
+        Args:
+            features: F, numbers of the map's method.
+            dimensions: D, numbers of its descriptors.
+        """
+        import pyarrow as pa
+
+        frames = pa.schema(
+            [
+                ("drive", pa.string()), ("number", pa.int64()), ("stem", pa.string()), ("place", pa.int64()),
+                ("position", pa.float64()), ("sure", pa.bool_()), ("between", pa.int64()),
+                ("x", pa.float64()), ("y", pa.float64()), ("heading", pa.float64()), ("seconds", pa.float64()),
+                ("features", pa.list_(pa.float16(), features)), ("thumbnail", pa.binary()),
+            ]
+        )  # fmt: skip
+        states = pa.schema(
+            [
+                ("version", pa.int64()), ("created", pa.string()), ("document", pa.string()), ("arrays", pa.binary()),
+                ("frames_version", pa.int64()), ("descriptors_version", pa.int64()),
+            ]
+        )  # fmt: skip
+        for name in (_FRAMES, _DESCRIPTORS):  # of a creation that was killed
+            if name in self._names():
+                self._database.drop_table(name)
+        self._database.create_table(_FRAMES, schema=frames)
+        self._database.create_table(_DESCRIPTORS, schema=_descriptor_schema(dimensions))
+        self._database.create_table(_STATES, schema=states)
+
+    def states(self) -> list[MapState]:
+        """All versions, oldest first.
+
+        Raises:
+            MapError: There is no map, it is damaged, or it is of another format.
+        """
+        from safetensors.numpy import load
+
+        rows = self._read(self._open(_STATES), None).to_pylist()
+        states = []
+        for row in sorted(rows, key=lambda row: int(row["version"])):
+            try:
+                document = json.loads(row["document"])
+                arrays = load(row["arrays"])
+            except Exception as error:
+                raise MapError(
+                    f"the map {readable(self.address)} is damaged ({error}); restore it from a copy"
+                ) from None
+            if document.get("format") != FORMAT:
+                raise MapError(
+                    f"the map {readable(self.address)} has format {document.get('format')!r}, but this version of "
+                    f"everplace reads format {FORMAT}; use the version that wrote it, or make the map anew"
+                )
+            states.append(
+                MapState(
+                    row["version"], row["created"], document, arrays, row["frames_version"], row["descriptors_version"]
+                )
+            )
+        if not states:
+            raise MapError(f"the map {readable(self.address)} is empty: its creation was stopped; make it anew")
+        return states
+
+    def frames(self, state: MapState, columns: Sequence[str]) -> pa.Table:
+        """The frames of a version, in the order of drives and frames.
+
+        Raises:
+            MapError: The table is missing or damaged.
+        """
+        table = self._open(_FRAMES)
+        table.checkout(state.frames_version)
+        order = [drive["name"] for drive in state.document["drives"]]
+        wanted = dict.fromkeys([*columns, "drive", "number"])
+        found = self._read(table, list(wanted))
+        rank = {name: index for index, name in enumerate(order)}
+        drives = np.array([rank.get(name, -1) for name in found["drive"].to_pylist()], np.int64)
+        if (drives < 0).any() or len(found) != sum(drive["frames"] for drive in state.document["drives"]):
+            raise MapError(
+                f"the map {readable(self.address)} is damaged: its frames are not those of its drives; restore it "
+                "from a copy"
+            )
+        return found.take(np.lexsort((np.asarray(found["number"]), drives)))
+
+    def descriptors(self, state: MapState) -> NDArray[np.float32]:
+        """N×D, in the order of `frames`."""
+        table = self._open(_DESCRIPTORS)
+        table.checkout(state.descriptors_version)
+        found = self._read(table, None)
+        values = as_matrix(found["descriptor"])
+        return values[np.argsort(np.asarray(found["row"]), kind="stable")]
+
+    def revert(self, state: MapState) -> None:
+        """Drops what a writer that was killed wrote into the frames after the newest state."""
+        table = self._open(_FRAMES)
+        if table.version != state.frames_version:
+            table.restore(state.frames_version)
+
+    def add_frames(self, rows: Mapping[str, Any]) -> int:
+        """Appends frames.
+
+        Args:
+            rows: A column's values by its name; `features` N×F float16.
+
+        Returns:
+            The version of the table, to be named by a state.
+
+        Raises:
+            StorageError: The disk is full or the place cannot be written to.
+        """
+        table = self._open(_FRAMES)
+        with _storing(self.address):
+            table.add(_table(rows, table.schema))
+        return int(table.version)
+
+    def remove_frames(self, drive: str) -> int:
+        """Deletes the frames of a drive; returns the version of the table, to be named by a state."""
+        table = self._open(_FRAMES)
+        quoted = drive.replace("'", "''")
+        with _storing(self.address):
+            table.delete(f"drive = '{quoted}'")
+        return int(table.version)
+
+    def write_descriptors(self, values: NDArray[np.float32]) -> int:
+        """Replaces all descriptors; returns the version of the table, to be named by a state."""
+        schema = _descriptor_schema(values.shape[1])
+        rows = _table({"row": np.arange(len(values)), "descriptor": np.asarray(values, np.float32)}, schema)
+        with _storing(self.address):
+            table = self._open(_DESCRIPTORS)
+            if table.schema.field("descriptor").type != schema.field("descriptor").type:
+                # Of another dimension: columns change their type only in a table that is made anew.
+                self._database.create_table(_DESCRIPTORS, data=rows, mode="overwrite")
+                table = self._open(_DESCRIPTORS)
+            else:
+                table.add(rows, mode="overwrite")
+        return int(table.version)
+
+    def commit(
+        self,
+        version: int,
+        document: Mapping[str, Any],
+        arrays: Mapping[str, NDArray[Any]],
+        frames: int,
+        descriptors: int,
+    ) -> MapState:
+        """Makes a new version the map.
+
+        Args:
+            version: Its number.
+            document: See `MapState`.
+            arrays: See `MapState`.
+            frames: Version of the table of frames.
+            descriptors: Version of the table of descriptors.
+        """
+        from safetensors.numpy import save
+
+        created = datetime.now(timezone.utc).isoformat(timespec="seconds")
+        table = self._open(_STATES)
+        data = save({name: np.ascontiguousarray(array) for name, array in arrays.items()})
+        row = {
+            "version": [version], "created": [created], "document": [json.dumps({**document, "format": FORMAT})],
+            "arrays": [data], "frames_version": [frames], "descriptors_version": [descriptors],
+        }  # fmt: skip
+        with _storing(self.address):
+            table.add(_table(row, table.schema))
+        return MapState(version, created, {**document, "format": FORMAT}, arrays, frames, descriptors)
+
+    def bytes(self) -> int | None:
+        """What the map takes on disk; None at another address."""
+        root = Path(self.address)
+        if not root.is_dir():
+            return None
+        return sum(path.stat().st_size for path in root.rglob("*") if path.is_file())
+
+    def _names(self) -> list[str]:
+        return list(self._database.table_names(limit=100))
+
+    def _open(self, name: str) -> Any:
+        try:
+            return self._database.open_table(name)
+        except Exception as error:
+            if self.exist:
+                raise MapError(
+                    f"the map {readable(self.address)} is damaged: its table {name} cannot be opened; restore a copy"
+                ) from error
+            raise MapError(
+                f"there is no map at {readable(self.address)}; make one with `everplace map create`"
+            ) from None
+
+    def _read(self, table: Any, columns: list[str] | None) -> pa.Table:
+        try:
+            query = table.search()
+            return (query.select(columns) if columns else query).limit(None).to_arrow()
+        except Exception as error:  # LanceDB raises what its core gives
+            raise MapError(
+                f"the map {readable(self.address)} is damaged ({str(error).splitlines()[0][:200]}); restore a copy"
+            ) from None
+
+
+def as_matrix(column: pa.ChunkedArray) -> NDArray[Any]:
+    """N×K of a column of lists of K numbers."""
+    whole = column.combine_chunks()
+    return np.asarray(whole.flatten()).reshape(len(whole), -1)
+
+
+def _descriptor_schema(dimensions: int) -> pa.Schema:
+    import pyarrow as pa
+
+    return pa.schema([("row", pa.int64()), ("descriptor", pa.list_(pa.float32(), dimensions))])
+
+
+def _table(rows: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
+    import pyarrow as pa
+
+    columns = []
+    for spec in schema:
+        values = rows[spec.name]
+        if isinstance(values, np.ndarray) and values.ndim == 2:
+            flat = pa.array(np.ascontiguousarray(values).reshape(-1))
+            columns.append(pa.FixedSizeListArray.from_arrays(flat, values.shape[1]).cast(spec.type))
+        else:
+            columns.append(pa.array(values, spec.type))
+    return pa.Table.from_arrays(columns, schema=schema)
+
+
+class _storing:  # noqa: N801
+    """Turns what LanceDB raises while writing into one sentence."""
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, OSError | RuntimeError | ValueError):
+            reason = str(error).splitlines()[0][:200]
+            raise StorageError(
+                f"cannot write the map {readable(self._address)}: {reason}; free space or check the permissions"
+            ) from error

@@ -1,0 +1,308 @@
+"""Adapts a descriptor to a route: from one drive, from aligned drives, or from drives that it matches by itself."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.adaptation.discriminant import Projection
+from everplace.adaptation.drive_statistics import DriveStatistics, half_differences
+from everplace.adaptation.moments import Moments
+from everplace.adaptation.place_weights import pair_weights, place_weights
+from everplace.adaptation.prior import Prior, load_prior, require_fitting, save_prior, shipped_prior
+from everplace.adaptation.route_adaptation import PRIOR_WEIGHT, adapted_projection, fitting_prior_weight, within_places
+from everplace.describe.describer import Describer
+from everplace.describe.files.descriptors import Descriptors
+from everplace.describe.reduced import ReducedDescriber, reduced
+from everplace.describe.registry import open_describer
+from everplace.describe.runs.adapted import AdaptedDescriber, write_adapted
+from everplace.errors import ConfigError, RouteError
+from everplace.files import readable, require_free_directory, whole_directory
+from everplace.images.decoding import decode_images
+from everplace.mapping.described_drive import light_moments as moments_of_images
+from everplace.mapping.self_teaching import SurePairs, sure_pairs
+from everplace.match.standardise import require_standardisable
+from everplace.progress import Progress, quiet, shown
+from everplace.route.fingerprint import image_digests
+from everplace.route.route import Route
+from everplace.route.selection import Selection, select, spread
+from everplace.route.traverse import Traverse
+
+__all__ = ["Adaptation", "TaughtDrive", "adapt", "drive_statistics", "light_moments"]
+
+_LIGHT_FRAMES = 512
+"""Frames of the map that are looked at in other light."""
+_ROUNDS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class TaughtDrive:
+    """What one drive taught.
+
+    Attributes:
+        name: The traverse.
+        pairs: Its frames with their places on the map.
+        right: Share of the pairs within one place of the frame of the same name, where names are places; else None.
+    """
+
+    name: str
+    pairs: SurePairs
+    right: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Adaptation:
+    """A descriptor adapted to a route, and what it was made from.
+
+    Attributes:
+        describer: The result, ready to describe.
+        map_drive: The traverse that is the map.
+        drives: What the other drives taught.
+        dimensions_asked: D as it was asked for; the describer may have fewer.
+        prior: Where the prior came from: "none", "shipped" or a file.
+        prior_weight: Pairs that the prior counts as.
+        settings: What is written beside the numbers.
+    """
+
+    describer: AdaptedDescriber
+    map_drive: Traverse
+    drives: tuple[TaughtDrive, ...]
+    dimensions_asked: int
+    prior: str
+    prior_weight: float
+    settings: dict[str, str | int | float | bool] = field(default_factory=dict)
+
+    def summary(self) -> dict[str, Any]:
+        """What `--json` prints."""
+        return {
+            **self.settings,
+            "dimension": self.describer.dimension,
+            "drives": [
+                {
+                    "name": drive.name,
+                    "frames": drive.pairs.of,
+                    "pairs": len(drive.pairs.frames),
+                    "share": round(drive.pairs.share, 4),
+                    "right": drive.right,
+                }
+                for drive in self.drives
+            ],
+        }
+
+
+def adapt(
+    method: str | os.PathLike[str],
+    route: Route,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    dimensions: int = 96,
+    self_taught: bool = False,
+    prior: str | os.PathLike[str] = "default",
+    selection: Selection | None = None,
+    teach: slice | None = None,
+    save_prior_to: str | os.PathLike[str] | None = None,
+    progress: Progress = quiet,
+) -> Adaptation:
+    """Adapts a descriptor to a route, in closed form.
+
+    With one traverse the map is known and, beside the prior, what other light changes in it. With several that are
+    aligned, the pairs of the same place tell how a place changes. Self-taught, the names of later drives are ignored:
+    their frames are matched with the first traverse by the sequence filter, and what is sure counts as pairs; the
+    second round matches with the descriptor of the first.
+
+    Args:
+        method: Any whose descriptors are compared by cosine: a run directory or a name.
+        route: Its first traverse is the map.
+        out: The run directory to write; None: nothing is written.
+        dimensions: D; lowered to the map's places less one.
+        self_taught: Match the further traverses instead of believing their names.
+        prior: "default" (the shipped one, where there is one for the method), "none", or a file of `save_prior`.
+        selection: Which places take part.
+        teach: Of the further traverses, the places that teach; None: all.
+        save_prior_to: File to write this route's scatter within places to, as a prior for other routes.
+        progress: Told of the describing and solving.
+
+    Raises:
+        ConfigError: The method gives words, the dimensions are below 1, the prior is of another method, or `out` is in
+            use.
+        RouteError: Nothing is left of the route, or the drives share no places where they must.
+        MethodError: The method does not exist or cannot run here.
+        CheckpointError: The run directory or the prior is damaged.
+        ImageError: A frame cannot be decoded.
+        StorageError: `out` or the prior's file cannot be written to.
+    """
+    if dimensions < 1:
+        raise ConfigError(f"`dimensions` {dimensions} is not possible; give at least 1")
+    if out is not None:
+        require_free_directory(Path(out))
+    whole = open_describer(method, progress=progress)
+    describer = reduced(whole)
+    require_standardisable(describer.method, describer.metric)
+    known, origin = _chosen_prior(prior, describer)
+    chosen = select(route, selection or Selection(), progress)
+    map_drive, others = chosen.traverses[0], chosen.traverses[1:]
+    if len(map_drive) < 3:
+        raise RouteError(
+            f"the map {map_drive.name!r} has {len(map_drive)} frames; a descriptor is adapted to 3 or more"
+        )
+    if others and not self_taught and not all(drive.stems == map_drive.stems for drive in others):
+        raise RouteError(
+            f"the traverses {map_drive.name!r} and {others[0].name!r} share no place by their names; find the "
+            "same places with `everplace data align`, or let the drives be matched with `self_taught`"
+        )
+    if self_taught and not others:
+        raise RouteError("there is no drive but the map to learn from; give two traverses, the map first")
+
+    described = describer.describe(map_drive, progress=progress)
+    base = drive_statistics(described.values, light_moments(describer, map_drive, progress))
+    taught = [drive[teach] if teach is not None else drive for drive in others]
+    for drive in taught:
+        if not len(drive):
+            raise RouteError(f"no frame of {drive.name!r} is left to learn from; begin `teach` lower")
+    features = [describer.describe(drive, progress=progress) for drive in taught]
+
+    learn = _Learning(base, described, features, dimensions, known)
+    if self_taught:
+        pairs = shown(progress, "matching the drives", learn.matched)
+    else:
+        place = {stem: index for index, stem in enumerate(map_drive.stems)}
+        pairs = [_named_pairs([place[stem] for stem in drive.stems]) for drive in taught]
+    projection, weight = shown(progress, "solving for the descriptor", lambda: learn.solved(pairs))
+    drives = tuple(
+        TaughtDrive(
+            drive.name, found, _right(drive, map_drive, found) if self_taught and chosen.stems_are_places else None
+        )
+        for drive, found in zip(taught, pairs, strict=True)
+    )
+    settings: dict[str, str | int | float | bool] = {
+        "method": os.fspath(method),
+        "map": map_drive.name,
+        "places": len(map_drive),
+        "dimensions": len(projection.bias),
+        "self_taught": self_taught,
+        "prior": origin,
+        "prior_weight": weight if known is not None else 0.0,
+        "pairs": sum(len(found.frames) for found in pairs),
+    }
+    seen = frozenset(stem for drive, found in zip(taught, pairs, strict=True) for stem in _stems(drive, found))
+    if isinstance(describer, ReducedDescriber):  # one map instead of two
+        projection = Projection(projection.weight @ describer.matrix, projection.bias)
+    images = [drive.take(found.frames) for drive, found in zip(taught, pairs, strict=True)]
+    digests = frozenset(digest for part in images for digest in image_digests(part, progress))
+    result = AdaptedDescriber(whole, projection, settings, seen, digests)
+    if save_prior_to is not None:
+        within = within_places(learn.statistics(pairs)[0], None, 0.0)
+        save_prior(Path(save_prior_to), Prior.of(within, describer.method, describer.settings()))
+    adaptation = Adaptation(result, map_drive, drives, dimensions, origin, weight, settings)
+    if out is not None:
+        with whole_directory(Path(out)) as directory:
+            write_adapted(directory, os.fspath(method), result, settings)
+    return adaptation
+
+
+def drive_statistics(features: NDArray[np.float32], light: Moments | None = None) -> DriveStatistics:
+    """What the frames of one drive alone tell of a route: how its places differ, and what other light changes.
+
+    Args:
+        features: N×F.
+        light: See `light_moments`; None: nothing of it.
+    """
+    places = Moments.of(features, place_weights(features))
+    none = Moments.none(features.shape[1])
+    return DriveStatistics(places, light or none, none)
+
+
+def light_moments(describer: Describer, drive: Traverse, progress: Progress = quiet) -> Moments:
+    """What other light, weather and a camera turned a little change in a descriptor of this drive's frames.
+
+    At most 512 frames, evenly spread, are looked at.
+    """
+    chosen = drive.take(spread(len(drive), _LIGHT_FRAMES))
+    return moments_of_images(list(decode_images(chosen.paths, describer.image)), describer, progress)
+
+
+class _Learning:
+    """A map and drives, described, from which pairs and in the end a projection are made."""
+
+    def __init__(
+        self,
+        base: DriveStatistics,
+        map_drive: Descriptors,
+        drives: Sequence[Descriptors],
+        dimensions: int,
+        prior: Prior | None,
+    ) -> None:
+        self._base, self._map, self._drives = base, map_drive, drives
+        self._dimensions, self._prior = dimensions, prior
+        self._map_weights = place_weights(map_drive.values)
+        self._drive_weights = [place_weights(drive.values) for drive in drives]
+
+    def matched(self) -> list[SurePairs]:
+        """The sure pairs of every drive, of the last of two rounds."""
+        pairs: list[SurePairs] = []
+        for _ in range(_ROUNDS):
+            projection, _ = self.solved(pairs)
+            pairs = [
+                sure_pairs(self._projected(self._map, projection), self._projected(drive, projection))
+                for drive in self._drives
+            ]
+        return pairs
+
+    def statistics(
+        self, pairs: Sequence[SurePairs]
+    ) -> tuple[DriveStatistics, NDArray[np.float32], NDArray[np.float64]]:
+        """Those of the map and the pairs, with the pairs' differences and weights."""
+        differences, weights = [], []
+        for found, drive, own in zip(pairs, self._drives, self._drive_weights, strict=False):
+            differences.append(half_differences(drive.values[found.frames], self._map.values[found.places]))
+            weights.append(pair_weights(found.places, self._map_weights, own[found.frames]))
+        if not differences:
+            return self._base, np.empty((0, self._base.places.features), np.float32), np.empty(0)
+        changes, counted = np.concatenate(differences), np.concatenate(weights)
+        none = Moments.none(changes.shape[1])
+        return self._base + DriveStatistics(none, none, Moments.of(changes, counted)), changes, counted
+
+    def solved(self, pairs: Sequence[SurePairs]) -> tuple[Any, float]:
+        """The projection by these pairs, and the weight that the prior has in it."""
+        statistics, changes, weights = self.statistics(pairs)
+        weight = PRIOR_WEIGHT
+        if self._prior is not None and len(changes):
+            weight = fitting_prior_weight(statistics, changes, weights, self._prior)
+        return adapted_projection(statistics, self._dimensions, self._prior, weight), weight
+
+    @staticmethod
+    def _projected(descriptors: Descriptors, projection: Any) -> Descriptors:
+        values = descriptors.values @ projection.weight.T.astype(np.float32) + projection.bias.astype(np.float32)
+        return Descriptors(values, descriptors.names, descriptors.method)
+
+
+def _named_pairs(places: Sequence[int]) -> SurePairs:
+    count = len(places)
+    return SurePairs(np.arange(count), np.asarray(places, np.int64), np.full(count, np.inf, np.float32), count)
+
+
+def _right(drive: Traverse, map_drive: Traverse, pairs: SurePairs) -> float | None:
+    place = {stem: index for index, stem in enumerate(map_drive.stems)}
+    true = np.array([place.get(drive.stems[frame], -10) for frame in pairs.frames.tolist()])
+    return float((np.abs(true - pairs.places) <= 1).mean()) if len(true) and (true >= 0).any() else None
+
+
+def _stems(drive: Traverse, pairs: SurePairs) -> list[str]:
+    return [drive.stems[frame] for frame in pairs.frames.tolist()]
+
+
+def _chosen_prior(prior: str | os.PathLike[str], describer: Describer) -> tuple[Prior | None, str]:
+    if prior == "none":
+        return None, "none"
+    if prior == "default":
+        found = shipped_prior(describer.method, describer.settings())
+        return found, "none" if found is None else "shipped"
+    loaded = load_prior(Path(prior))
+    require_fitting(loaded, describer.method, describer.settings(), describer.dimension)
+    return loaded, readable(prior)

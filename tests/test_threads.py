@@ -1,0 +1,46 @@
+"""Results in order, ahead of their reader."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from everplace.threads import map_ahead, usable_cores
+
+
+@pytest.mark.parametrize("threads", [None, 1, 3])
+def test_results_come_in_the_order_of_the_items(threads: int | None) -> None:
+    def slow_first(number: int) -> int:
+        time.sleep(0.02 if number % 3 == 0 else 0)
+        return number * number
+
+    assert list(map_ahead(slow_first, range(20), threads=threads)) == [number * number for number in range(20)]
+
+
+def test_no_more_items_are_taken_than_are_held_ahead() -> None:
+    taken: list[int] = []
+
+    def items() -> Iterator[int]:
+        for number in range(100):
+            taken.append(number)
+            yield number
+
+    reader = map_ahead(str, items(), threads=2)
+    assert next(reader) == "0"
+    assert len(taken) == 5
+    reader.close()  # type: ignore[attr-defined]
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("ahead")]
+
+
+def test_an_error_comes_when_the_reader_reaches_its_item() -> None:
+    reader = map_ahead(lambda number: 1 // (3 - number), range(9), threads=4)
+    assert [next(reader) for _ in range(3)] == [0, 0, 1]
+    with pytest.raises(ZeroDivisionError):
+        next(reader)
+
+
+def test_there_is_a_core() -> None:
+    assert usable_cores() >= 1
