@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from everplace.errors import MapError
 from everplace.images.decoding import convert_image
 from everplace.mapping.calibration import likelihood_ratios_of, place_posterior
+from everplace.mapping.described_drive import how_it_looks
 from everplace.mapping.map_learning import project
 from everplace.mapping.place_scores import PlaceFrames, directions
 from everplace.mapping.route_map import Map
@@ -140,6 +141,7 @@ class Localizer:
         """
         pixels = convert_image(image, self._describer.image)
         features = self._describer.describe_batch(pixels[None])
+        looks = how_it_looks(np.asarray(image))
         vector = directions(project(features, self._projection))
         frames = vector @ self._vectors.T
         if excluded is not None:
@@ -160,8 +162,8 @@ class Localizer:
             score=float(frames[0, best]),
             probability=min(max(near, 0.0), 1.0),
             off_map=min(max(off, 0.0), 1.0),
-            condition=self._conditions.posterior(features[0]),
-            unseen_condition=self._conditions.unseen(features[0]),
+            condition=self._conditions.posterior(looks),
+            unseen_condition=self._conditions.unseen(looks),
             pose=None if np.isnan(pose).any() else Pose(*pose.tolist()),
             provisional=self._calibration.provisional,
             time=time,

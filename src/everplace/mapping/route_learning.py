@@ -97,7 +97,7 @@ class Adaptation:
 
 
 def adapt(
-    method: str | os.PathLike[str],
+    method: str | os.PathLike[str] | Describer,
     route: Route,
     out: str | os.PathLike[str] | None = None,
     *,
@@ -117,7 +117,8 @@ def adapt(
     second round matches with the descriptor of the first.
 
     Args:
-        method: Any whose descriptors are compared by cosine: a run directory or a name.
+        method: Any whose descriptors are compared by cosine: a run directory or a name; opened already, nothing can be
+            written.
         route: Its first traverse is the map.
         out: The run directory to write; None: nothing is written.
         dimensions: D; lowered to the map's places less one.
@@ -139,9 +140,12 @@ def adapt(
     """
     if dimensions < 1:
         raise ConfigError(f"`dimensions` {dimensions} is not possible; give at least 1")
+    name = method.method if isinstance(method, Describer) else os.fspath(method)
     if out is not None:
+        if isinstance(method, Describer):
+            raise ConfigError("`method` must be a name or a run directory where `out` is given")
         require_free_directory(Path(out))
-    whole = open_describer(method, progress=progress)
+    whole = method if isinstance(method, Describer) else open_describer(method, progress=progress)
     describer = reduced(whole)
     require_standardisable(describer.method, describer.metric)
     known, origin = _chosen_prior(prior, describer)
@@ -181,7 +185,7 @@ def adapt(
         for drive, found in zip(taught, pairs, strict=True)
     )
     settings: dict[str, str | int | float | bool] = {
-        "method": os.fspath(method),
+        "method": name,
         "map": map_drive.name,
         "places": len(map_drive),
         "dimensions": len(projection.bias),
@@ -202,7 +206,7 @@ def adapt(
     adaptation = Adaptation(result, map_drive, drives, dimensions, origin, weight, settings)
     if out is not None:
         with whole_directory(Path(out)) as directory:
-            write_adapted(directory, os.fspath(method), result, settings)
+            write_adapted(directory, name, result, settings)
     return adaptation
 
 

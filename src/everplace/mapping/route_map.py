@@ -37,7 +37,6 @@ from everplace.route.traverse import Traverse
 
 __all__ = ["AddedDrive", "Map", "default_method"]
 
-_CONDITION_FRAMES = 4000
 _SOURCE = Traverse | str | os.PathLike[str]
 
 
@@ -205,7 +204,7 @@ class Map:
         arrays = {
             key.removeprefix(prefix): array for key, array in self._state.arrays.items() if key.startswith(prefix)
         }
-        return ConditionModel.from_arrays(arrays, self.conditions)
+        return ConditionModel.from_arrays({**arrays, "conditions": np.array(self.document["known_conditions"])})
 
     def describer(self) -> Describer:
         """The map's method, opened once.
@@ -424,7 +423,7 @@ def _learnt(
     learns: bool = True,
 ) -> MapState:
     """Learns from the frames of a new version, and commits it."""
-    wanted = ["place", "position", "sure", "features", "between"]
+    wanted = ["place", "position", "sure", "features", "looks", "between"]
     table = tables.frames(MapState(0, "", document, {}, frames_version), wanted)
     number = {one["name"]: index for index, one in enumerate(document["drives"])}
     features = as_matrix(table["features"])
@@ -449,11 +448,11 @@ def _learnt(
         kept |= {"weight": projection.weight.astype(np.float32), "bias": projection.bias.astype(np.float32)}
         new |= {"calibration": calibration.to_dict(), "learnt": learnt}
     projection = Projection(kept["weight"].astype(np.float64), kept["bias"].astype(np.float64))
-    some = np.unique(np.linspace(0, len(features) - 1, min(_CONDITION_FRAMES, len(features))).round().astype(np.int64))
-    conditions = [document["drives"][frames.drives[row]]["condition"] for row in some.tolist()]
-    kept |= {
-        f"condition.{key}": array for key, array in ConditionModel.fit(features[some], conditions).to_arrays().items()
-    }
+    model = ConditionModel.fit(
+        as_matrix(table["looks"]), [document["drives"][drive]["condition"] for drive in frames.drives]
+    )
+    kept |= {f"condition.{key}": array for key, array in model.to_arrays().items() if key != "conditions"}
+    new["known_conditions"] = list(model.conditions)
     descriptors = tables.write_descriptors(project(features, projection))
     return tables.commit(state.version + 1, new, kept, frames_version, descriptors)
 
@@ -477,6 +476,7 @@ def _rows(name: str, described: DescribedDrive, placement: Placement) -> dict[st
         "heading": described.poses[:, 2].copy(),
         "seconds": described.seconds,
         "features": described.features,
+        "looks": described.looks,
         "thumbnail": list(described.thumbnails),
     }
 

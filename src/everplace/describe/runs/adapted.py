@@ -95,7 +95,8 @@ def write_adapted(out: Path, method: str, adapted: AdaptedDescriber, settings: S
     }
     about = {
         "format": _FORMAT, "model": {"kind": "adapted"}, "method": method, "features": adapted.base.dimension,
-        "settings": dict(settings), "seen_stems": sorted(adapted.seen_stems), "seen_images": sorted(adapted.seen_images),
+        "settings": dict(settings), "seen_stems": sorted(adapted.seen_stems),
+        "seen_images": sorted(adapted.seen_images),
     }  # fmt: skip
     save_tensors(out, _NAME, tensors, about)
     write_text(out / "config.toml", tomli_w.dumps({"model": "adapted", **settings}))
