@@ -112,7 +112,7 @@ def test_data_sets_and_archives_are_scaled(tmp_path: Path, write: Callable[[Path
     if archived:
         source = pack(source, tmp_path / "data.tar.gz")
     summary = import_route(write.__name__, source, tmp_path / "plain")
-    assert [note for note in summary.notes if "1 of 1 16-bit frames of" in note and "--set range=17" in note]
+    assert [note for note in summary.notes if "1 of 1 16-bit frames of" in note and "`range=17" in note]
     import_route(write.__name__, source, tmp_path / "out", {"range": f"{LOW}:{HIGH}"})
     np.testing.assert_array_equal(first_frame(tmp_path / "out")[:, :, 0], wanted(VALUES))
 
@@ -145,10 +145,10 @@ def test_files_that_stay_are_linked_and_a_broken_one_is_no_error_before_it_has_t
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"range": "5"}, "--set range=5 cannot be: it is not A:B"),
+        ({"range": "5"}, "`range`=5 cannot be: it is not A:B"),
         ({"range": "9:9"}, "it is not A:B"),
         ({"range": "0:70000"}, "it is not A:B"),
-        ({"bits": "17"}, "--set bits=17 cannot be"),
+        ({"bits": "17"}, "`bits`=17 cannot be"),
         ({"bits": "12", "range": "0:5"}, "range and bits exclude each other"),
     ],
 )
