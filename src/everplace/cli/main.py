@@ -27,6 +27,7 @@ from everplace.cli.option_names import naming_options, with_options
 from everplace.cli.registering import register
 from everplace.cli.train import train
 from everplace.errors import EverplaceError
+from everplace.warning_source import file_of_warning
 
 __all__ = ["app", "main", "run"]
 
@@ -161,9 +162,20 @@ def _interrupted(arguments: list[str]) -> int:
     return _INTERRUPTED
 
 
-def _show_warning(message: Warning | str, *_where: object, **_more: object) -> None:
-    """Says a warning as a sentence; the line of code it came from helps no user."""
-    _say(str(message))
+_named: set[tuple[object, ...]] = set()
+
+
+def _show_warning(message: Warning | str, category: object, *where: object, **_more: object) -> None:
+    """Says a warning as a sentence; the line of code it came from helps no user.
+
+    What a library says of a file comes with the file's name, for the first file of which it says such a thing.
+    """
+    text, file = " ".join(str(message).split()), file_of_warning()
+    if not file:
+        _say(text)
+    elif (category, *where[:2]) not in _named:
+        _named.add((category, *where[:2]))
+        _say(f"{file}: {text.rstrip('.')}; it was read all the same, and more such files are not named")
 
 
 def _say(message: str) -> None:

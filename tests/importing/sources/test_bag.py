@@ -400,13 +400,13 @@ def test_a_drive_that_never_had_a_fix_gets_no_poses(tmp_path: Path, lost: str) -
     assert (len(a), a.poses) == (2, None)
     assert b.poses is not None
     assert f"The topic /fix of {tmp_path / 'bags/a.bag'} holds no position, so the drive gets no poses." in notes
-    with pytest.raises(RouteError, match=r"a\.bag holds no position; choose another or none with --set poses"):
+    with pytest.raises(RouteError, match=r"a\.bag holds no position; choose another or none with `poses`"):
         import_route("bag", tmp_path / "bags", tmp_path / "chosen", {"poses": "/fix"})
 
 
 def test_a_drive_whose_fixes_are_all_elsewhere(tmp_path: Path) -> None:
     rows = [image(1.0), ("/fix", FIX, 1.0, LOST["at 0, 0"]), ("/fix", FIX, 9.0, (0, 48.0, 11.0))]
-    with pytest.raises(RouteError, match="no frame of a has a position, .* --set poses=none"):
+    with pytest.raises(RouteError, match="no frame of a has a position, .* `poses=none`"):
         import_route("bag", write_bag(tmp_path / "a.bag", rows), tmp_path / "out")
 
 
@@ -461,7 +461,7 @@ def test_a_split_drive_that_is_not_joined_is_told(tmp_path: Path, ending: str) -
     assert len(open_route(tmp_path / "out").traverses) == 3
     assert notes[0] == (
         f"drive_0{ending} and drive_1{ending} in {tmp_path / 'bags'} look like parts of one drive, but each became a "
-        "drive of its own; if they are, import with --set join=true."
+        "drive of its own; if they are, import with `join=true`."
     )
 
 

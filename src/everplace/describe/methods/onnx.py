@@ -24,6 +24,7 @@ from everplace.describe.pretrained.trial import first_line, measured_dimension
 from everplace.downloads import sha256_of
 from everplace.errors import ConfigError, MethodError, MissingExtraError
 from everplace.files import readable
+from everplace.git_lfs import refuse_pointer
 from everplace.images.decoding import ImageSpec
 from everplace.model.provenance import images_seen, plain_values, stems_seen
 from everplace.threads import usable_cores
@@ -144,6 +145,7 @@ def open_method(argument: str) -> OnnxDescriber:
 def _session(path: Path) -> onnxruntime.InferenceSession:
     import onnxruntime
 
+    refuse_pointer(path, MethodError)
     options = onnxruntime.SessionOptions()
     options.log_severity_level = _FATAL_ONLY
     options.intra_op_num_threads = usable_cores()  # its own choice is all cores of the machine

@@ -16,7 +16,7 @@ from everplace.files import readable
 from everplace.importing.containers.data_set_search import FoundDirectories, find_directories
 from everplace.importing.containers.file_trees import TreePath, read_files
 from everplace.importing.containers.text_rows import TextRow, read_rows
-from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, ScaledOptions
 from everplace.importing.positions.trajectory import Trajectory, Up, plane_poses, read_quaternion, rotation_of
 from everplace.route.natural_order import natural_sorted
 from everplace.route.traverse import Pose
@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 
-class SequenceOptions(SourceOptions):
+class SequenceOptions(ScaledOptions):
     """Options of all these data sets."""
 
     poses: bool = True

@@ -13,6 +13,7 @@ import numpy as np
 
 from everplace.errors import RouteError
 from everplace.files import readable
+from everplace.git_lfs import refuse_pointer
 from everplace.importing.foreign_route import ForeignFrame
 
 __all__ = ["SEASONS", "Copy", "Named", "at_frame", "olid_frame", "olid_stem", "read_list", "season_frame", "season_of"]
@@ -144,6 +145,7 @@ def _named(lines: Iterable[str], season: str) -> Iterable[Named]:
 
 
 def _npy_lines(path: Path) -> list[str]:
+    refuse_pointer(path, RouteError)
     try:
         # Mapped, so that a header that claims to be huge takes no memory.
         array = np.load(path, mmap_mode="r", allow_pickle=False)

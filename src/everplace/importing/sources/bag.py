@@ -22,6 +22,7 @@ from pydantic import AfterValidator
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.images.formats import image_ending
+from everplace.images.sixteen_bits import SixteenBits
 from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.containers.ros_bag import BAG_ENDINGS, METADATA, Topic, read_messages, read_topics
 from everplace.importing.containers.ros_image import image_pixels
@@ -180,6 +181,7 @@ def _read_images(paths: Sequence[Path], topic: Topic, options: Options) -> Itera
         RouteError: A part begins before the one before it.
     """
     (message_type,) = topic.types
+    scale = options.scale()
     total = 0
     began = -math.inf
     for path in paths:
@@ -193,12 +195,12 @@ def _read_images(paths: Sequence[Path], topic: Topic, options: Options) -> Itera
                     "with `join=FIRST,SECOND,...`"
                 )
             began = seconds if number == 0 else began
-            content = _encoded(message, where) if message_type == _COMPRESSED else _pixels(message, where)
-            yield ForeignFrame(f"{total:06d}", content, seconds=seconds)
+            content = _encoded(message, where) if message_type == _COMPRESSED else _pixels(message, where, scale)
+            yield ForeignFrame(f"{total:06d}", content, seconds=seconds, scale=scale)
             total += 1
 
 
-def _pixels(message: Any, where: str) -> Content:
+def _pixels(message: Any, where: str, scale: SixteenBits) -> Content:
     try:
         return image_pixels(
             message.encoding,
@@ -207,6 +209,7 @@ def _pixels(message: Any, where: str) -> Content:
             message.step,
             np.ascontiguousarray(message.data, dtype=np.uint8),
             big_endian=bool(message.is_bigendian),
+            scale=scale,
         )
     except ValueError as error:
         raise RouteError(f"{where} cannot be read: {error}; convert the topic or choose another") from error
