@@ -28,7 +28,8 @@ def under(name: str, images: NDArray[np.uint8], first: int = 0) -> NDArray[np.ui
 
 def texture(images: NDArray[np.uint8]) -> NDArray[np.float64]:
     """Mean size of a pixel's difference to the one beside it, for each image."""
-    return np.abs(np.diff(images.astype(float), axis=2)).mean(axis=(1, 2, 3))
+    found: NDArray[np.float64] = np.abs(np.diff(images.astype(float), axis=2)).mean(axis=(1, 2, 3))
+    return found
 
 
 @pytest.mark.parametrize("channels", [1, 3])
@@ -38,7 +39,8 @@ def test_every_change_gives_other_images_of_the_same_kind(channels: int) -> None
     found = list(changed(images))
     assert len(found) == len(CHANGES) == len(set(NAMES))
     for name, others in zip(NAMES, found, strict=True):
-        assert (others.shape, others.dtype) == (images.shape, np.uint8)
+        assert others.shape == images.shape
+        assert others.dtype == np.uint8
         assert all((other != image).any() for other, image in zip(others, images, strict=True)), name
     np.testing.assert_array_equal(images, given)
 

@@ -67,7 +67,8 @@ def by_hand(dimensions: int) -> NDArray[np.float64]:
     within += (1 + 200 / 300) * np.trace(within) / F * np.eye(F)
     values, vectors = np.linalg.eig(np.linalg.solve(within, between))
     order = np.argsort(values.real)[::-1][:dimensions]
-    return (vectors.real[:, order] / np.linalg.norm(vectors.real[:, order], axis=0)).T
+    found: NDArray[np.float64] = vectors.real[:, order].T
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
 def test_the_projection_is_the_discriminant_written_out() -> None:

@@ -39,12 +39,13 @@ def test_it_prints_what_it_made_and_the_run_is_a_method(unchanged_tiny_route: Pa
     }.items()  # fmt: skip
     assert told["drives"] == [{"name": "winter", "frames": 12, "pairs": 12, "share": 1.0, "right": None}]
     assert sorted(path.suffix for path in run.iterdir()) == [".json", ".safetensors", ".toml"]
-    for command in (
+    commands: list[list[str | Path]] = [
         ["describe", run, unchanged_tiny_route / "winter", "--out", tmp_path / "w.h5"],
         ["evaluate", unchanged_tiny_route, "--method", run, "--query", "winter", "--database", "summer", "--out",
          tmp_path / "e"],
         ["compare", unchanged_tiny_route, "--methods", f"{run},hog16", "--out", tmp_path / "c"],
-    ):  # fmt: skip
+    ]  # fmt: skip
+    for command in commands:
         status, _, err = call(*command)
         assert status == 0, err
     assert json.loads((tmp_path / "e" / "metrics.json").read_text())["dimension"] == 8
@@ -52,7 +53,7 @@ def test_it_prints_what_it_made_and_the_run_is_a_method(unchanged_tiny_route: Pa
 
 @pytest.mark.slow
 def test_the_first_condition_named_is_the_map(unchanged_tiny_route: Path, tmp_path: Path) -> None:
-    given = ["adapt", "hog16", unchanged_tiny_route, "--conditions", "winter,summer", "--dimensions", "3"]
+    given = ["adapt", "hog16", str(unchanged_tiny_route), "--conditions", "winter,summer", "--dimensions", "3"]
     status, out, err = call(*given, "--out", tmp_path / "run", "--json")
     assert status == 0, err
     assert json.loads(out)["map"] == "winter"
@@ -72,8 +73,8 @@ def test_fewer_dimensions_and_no_prior_are_said(unchanged_tiny_route: Path, tmp_
 
 @pytest.mark.slow
 def test_a_prior_goes_from_one_route_to_another(unchanged_tiny_route: Path, tmp_path: Path) -> None:
-    summer = [unchanged_tiny_route, "--conditions", "summer", "--dimensions", "4"]
-    given = ["adapt", "hog16", unchanged_tiny_route, "--prior", "none", "--dimensions", "4"]
+    summer = [str(unchanged_tiny_route), "--conditions", "summer", "--dimensions", "4"]
+    given = ["adapt", "hog16", str(unchanged_tiny_route), "--prior", "none", "--dimensions", "4"]
     assert call(*given, "--out", tmp_path / "a", "--save-prior", tmp_path / "w0")[0] == 0
     status, out, err = call("adapt", "hog16", *summer, "--prior", tmp_path / "w0", "--out", tmp_path / "b", "--json")
     assert status == 0, err
@@ -156,4 +157,4 @@ def test_what_is_killed_while_it_writes_is_not_there_and_the_next_one_cleans_up(
     (left,) = out.parent.iterdir()
     assert left.name.endswith(".part")
     assert call(*given)[0] == 0
-    assert os.listdir(out.parent) == ["adapted"]
+    assert [path.name for path in out.parent.iterdir()] == ["adapted"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -104,7 +105,7 @@ def test_a_prior_is_saved_used_and_told(route: Route, tmp_path: Path) -> None:
     assert (default.prior, none.prior) == ("shipped", "none")
     assert none.settings["prior_weight"] == 0
     weights = [one.describer.projection.weight for one in (found, default, none)]
-    assert all(np.abs(first - second).max() > 1e-3 for first, second in zip(weights, weights[1:], strict=False))
+    assert all(np.abs(first - second).max() > 1e-3 for first, second in pairwise(weights))
 
 
 @pytest.mark.slow

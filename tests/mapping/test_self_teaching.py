@@ -63,6 +63,18 @@ def test_a_drive_of_elsewhere_has_no_pair(seed: int) -> None:
     assert (len(pairs.frames), len(pairs.places), len(pairs.log_odds), pairs.share) == (0, 0, 0, 0.0)
 
 
+@pytest.mark.parametrize(
+    "mapped",
+    [np.r_[0:150, 0:40], np.r_[0:150, 0:150], np.r_[0:150, 149:-1:-1], np.r_[0:150, 20:60, 20:60]],
+    ids=["loop", "two rounds", "there and back", "three visits"],
+)
+def test_a_map_that_saw_places_several_times_is_matched(mapped: NDArray[np.int64]) -> None:
+    pairs = sure_pairs(seen(MAP[mapped], 1, noise=0.5), seen(MAP, 2))
+    shown = mapped[pairs.places]
+    assert (np.abs(shown - pairs.frames) <= 1).mean() > 0.97
+    assert pairs.share > 0.6
+
+
 def test_a_detour_is_left_out() -> None:
     driven = np.concatenate([MAP[:60], views(40, 9), MAP[60:]])
     true = np.r_[0:60, [-10] * 40, 60:150]

@@ -150,6 +150,7 @@ def _is_sound(prior: Prior) -> bool:
         isinstance(prior.settings, dict)
         and prior.variances.shape == (rank,)
         and all(0 <= number < np.inf for number in numbers)
-        # Half precision keeps three digits. Not a number is far from 1, too.
+        and bool(np.isfinite(prior.directions).all())
+        # Half precision keeps three digits.
         and bool((np.abs(np.linalg.norm(prior.directions.astype(np.float64), axis=1) - 1) < 0.01).all())
     )

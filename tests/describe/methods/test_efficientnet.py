@@ -114,16 +114,17 @@ def test_the_layout_is_the_published_one() -> None:
 
 @pytest.mark.parametrize(("height", "width"), [(32, 64), (64, 48)])
 def test_every_block_is_its_definition(height: int, width: int) -> None:
-    weights, network, found = random_weights(), filled(random_weights()), []
+    weights, network = random_weights(), filled(random_weights())
+    found: list[Tensor] = []
     for block in network._blocks:
         block.register_forward_hook(lambda module, given, out: found.append(out))
     images = torch.randn(2, 3, height, width, generator=torch.Generator().manual_seed(1))
     with torch.no_grad():
         network(images)
         wanted = by_definition(images, weights)
-    for block, out, right in zip(BLOCKS, found, wanted, strict=True):
+    for (*_, width_of_block), out, right in zip(BLOCKS, found, wanted, strict=True):
         assert out.shape == right.shape
-        assert out.shape[1] == block[3]
+        assert out.shape[1] == width_of_block
         torch.testing.assert_close(out, right, rtol=1e-3, atol=1e-4)
     assert [height // out.shape[2] for out in found] == [width // out.shape[3] for out in found] == list(STRIDES)
 
