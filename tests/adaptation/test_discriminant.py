@@ -81,7 +81,7 @@ def known_problem(features: int) -> tuple[NDArray[np.float64], NDArray[np.float6
     """B, W and the vectors of B v = λ W v with Vᵀ W V = 1, the strongest first: λ = F, F - 1, ..., 1."""
     rng = np.random.default_rng(1)
     mixing = rng.normal(size=(features, features)) + 3 * np.eye(features)
-    vectors: NDArray[np.float64] = np.linalg.inv(mixing).T
+    vectors = np.asarray(np.linalg.inv(mixing).T, np.float64)
     values = np.arange(features, 0, -1.0)
     return (mixing.T * values) @ mixing, mixing.T @ mixing, vectors
 

@@ -68,7 +68,8 @@ def by_hand(dimensions: int) -> NDArray[np.float64]:
     values, vectors = np.linalg.eig(np.linalg.solve(within, between))
     order = np.argsort(values.real)[::-1][:dimensions]
     found: NDArray[np.float64] = vectors.real[:, order].T
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
+    found /= np.linalg.norm(found, axis=1, keepdims=True)
+    return found
 
 
 def test_the_projection_is_the_discriminant_written_out() -> None:
