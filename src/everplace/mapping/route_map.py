@@ -394,21 +394,23 @@ class Map:
             if not len(named.frames):
                 raise MapError("`align` names: no frame of the drive has the name of one of the map; align by images")
             return placed(named, order.places, order.positions, "names")
-        seen = sure_pairs_of_scores(self._scores(described, order, table["drive"].to_pylist()))
+        seen = sure_pairs_of_scores(*self._scores(described, order, table["drive"].to_pylist()))
         share = agreement(named, seen)
         if align == "auto" and believed(share):
             return placed(named, order.places, order.positions, "names", share)
         return placed(seen, order.places, order.positions, "images", share)
 
-    def _scores(self, described: DescribedDrive, order: PlaceFrames, drives: list[str]) -> NDArray[np.float32]:
-        """M×P, every drive centred by its own mean, as a whole drive is at hand."""
+    def _scores(
+        self, described: DescribedDrive, order: PlaceFrames, drives: list[str]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """M×P scores, and P×D descriptors; every drive centred by its own mean, as a whole drive is at hand."""
         there = self.descriptors()
         names = np.array(drives)
         for name in self.drives:
             there[names == name] -= there[names == name].mean(axis=0)
         here = project(described.features, self.projection)
         here -= here.mean(axis=0)
-        return order.fuse(directions(here) @ directions(there[order.rows]).T)
+        return order.fuse(directions(here) @ directions(there[order.rows]).T), there[order.first]
 
 
 def default_method() -> str:
