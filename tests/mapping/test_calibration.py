@@ -22,7 +22,7 @@ from everplace.mapping.calibration import (
 )
 from everplace.mapping.reliability import expected_calibration_error
 from everplace.mapping.standard_scores import score_moments
-from everplace.sequences.route_filter import Belief
+from everplace.sequences.belief import Belief
 from everplace.sequences.route_model import RouteModel
 
 

@@ -13,7 +13,7 @@ from tests.sequences.test_route_filter import DRIVES, PLACES
 
 from everplace.sequences.route_filter import RouteFilter
 from everplace.sequences.route_model import RouteModel
-from everplace.sequences.route_path import best_path, smooth_route
+from everplace.sequences.route_path import best_path, smooth_odds, smooth_route
 
 
 @settings(max_examples=30, deadline=None)
@@ -99,3 +99,17 @@ def test_frames_without_scores_are_bridged() -> None:
     S[8:11] = np.nan
     assert (np.abs(best_path(S) - path) <= 1).all()
     assert all(abs(answer.place - place) <= 1 for answer, place in zip(smooth_route(S), path, strict=True))
+
+
+def test_smoothed_odds_are_those_of_the_answers() -> None:
+    rng = np.random.default_rng(5)
+    S = rng.normal(size=(30, 25)) + 3 * (np.arange(30)[:, None] * 25 // 30 == np.arange(25))
+    model = RouteModel()
+    odds = smooth_odds(S, model)
+    for row, found in zip(odds, smooth_route(S, model), strict=True):
+        assert row.argmax() == found.place
+    last = RouteFilter(25, model)
+    for frame in S:
+        last.update(frame)
+    worth = model.worth(last.probabilities)
+    np.testing.assert_allclose(odds[-1], np.log(worth / (1 - worth)), rtol=1e-3, atol=1e-3)

@@ -134,7 +134,7 @@ def likelihood_ratios_of(
 ) -> NDArray[np.float64]:
     """How much likelier each frame is at every place than off the map, for frames that follow each other.
 
-    Made for `everplace.sequences.route_filter.Belief.see`. The ratios are those of `place_posterior`, raised to the
+    Made for `everplace.sequences.belief.Belief.see`. The ratios are those of `place_posterior`, raised to the
     power of `Calibration.temper`: neighbouring frames show much the same and err together, so that ten of them say less
     than ten independent ones would.
 

@@ -11,11 +11,10 @@ from scipy.special import expit, logit
 from everplace.describe.files.descriptors import Descriptors
 from everplace.match.similarity import similarity
 from everplace.match.standardise import standardise
-from everplace.sequences.route_filter import filter_windows
+from everplace.sequences.route_path import smooth_odds
 
 __all__ = ["SurePairs", "sure_pairs", "sure_pairs_of_scores"]
 
-_SEQUENCE = 10
 _SURE = 2.0
 """Log-odds from which a match is believed."""
 _CERTAIN = 1 - 1e-6
@@ -50,7 +49,7 @@ class SurePairs:
 
 
 def sure_pairs(map_drive: Descriptors, drive: Descriptors) -> SurePairs:
-    """Finds the frames of a drive whose place is sure, by the sequence filter over 10 frames.
+    """Finds the frames of a drive whose place is sure, by the route model, looking back from the end of the drive.
 
     Each side is centred by its own mean. A match counts if its log-odds are above 2 and it belongs to a run of at least
     10 such matches that goes on along the map, in either direction. Where the map saw the place several times, its
@@ -74,7 +73,7 @@ def sure_pairs_of_scores(S: NDArray[np.float32], views: NDArray[np.float32]) -> 
         S: M×N, frames of the drive against places of the map, both in the order of travel.
         views: N×D, the descriptors of the map's places, centred.
     """
-    odds = filter_windows(S, _SEQUENCE)
+    odds = smooth_odds(S)
     places, best = _over_visits(odds, views)
     kept = _in_runs(best > _SURE, places)
     frames = np.flatnonzero(kept)

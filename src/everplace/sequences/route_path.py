@@ -6,6 +6,7 @@ forward, and the rows between are computed again on the way back.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -16,10 +17,10 @@ from numpy.typing import NDArray
 from everplace.sequences.belief import Belief, Course
 from everplace.sequences.evidence import repeat_likelihoods
 from everplace.sequences.frame_change import DriveEvidence
-from everplace.sequences.route_filter import Answer, answer
+from everplace.sequences.route_filter import Answer, answer, log_odds
 from everplace.sequences.route_model import GAITS, RouteModel, checked_scores
 
-__all__ = ["best_path", "smooth_route"]
+__all__ = ["best_path", "smooth_odds", "smooth_route"]
 
 
 def smooth_route(S: NDArray[Any], model: RouteModel | None = None, *, reach: int = 1) -> list[Answer]:
@@ -38,6 +39,32 @@ def smooth_route(S: NDArray[Any], model: RouteModel | None = None, *, reach: int
     """
     S = checked_scores(S)
     model = RouteModel() if model is None else model
+    return [answer(on, model, reach) for on, _ in _smoothed(S, model)][::-1]
+
+
+def smooth_odds(S: NDArray[Any], model: RouteModel | None = None) -> NDArray[np.float32]:
+    """Scores every place for every frame from the whole traverse, as `filter_windows` does from the last frames.
+
+    Args:
+        S: M×N scores; rows and columns in the order of travel; NaN: none.
+        model: The assumptions; None: the defaults.
+
+    Returns:
+        M×N log-odds of what every place is worth as an answer.
+
+    Raises:
+        DescriptorsError: S is no matrix of numbers.
+    """
+    S = checked_scores(S)
+    model = RouteModel() if model is None else model
+    odds = np.empty(S.shape, np.float32)
+    for frame, (on, off) in zip(range(len(S) - 1, -1, -1), _smoothed(S, model), strict=True):
+        odds[frame] = log_odds(Belief(on[None, None], np.array([off])), model)[0]
+    return odds
+
+
+def _smoothed(S: NDArray[Any], model: RouteModel) -> Iterator[tuple[NDArray[np.float64], float]]:
+    """Yields N probabilities of the places, and that of being off the map, for every frame, the last first."""
     drive, places = _Drive(S, model), S.shape[1]
     exits = model.exits(places)
     kept = [Course.begin(drive.ratios(0), model)]
@@ -46,7 +73,6 @@ def smooth_route(S: NDArray[Any], model: RouteModel | None = None, *, reach: int
         kept.append(_forward(drive, start, end + 1, kept[-1])[-1])
     later = _Later(np.ones((len(GAITS), places)), 1.0)
     standing = later
-    answers: list[Answer] = []
     for start, end in reversed([*pairwise([*edges, len(S)])]):
         courses = _forward(drive, start, end, kept.pop())
         for frame in range(end - 1, start - 1, -1):
@@ -58,8 +84,8 @@ def smooth_route(S: NDArray[Any], model: RouteModel | None = None, *, reach: int
             else:
                 ways = later.weigh(course.repeats.going), standing.weigh(course.repeats.standing)
                 on, off = ways[0][0] + ways[1][0], ways[0][1] + ways[1][1]
-            answers.append(answer(on / (on.sum() + off), model, reach))
-    return answers[::-1]
+            total = float(on.sum() + off)
+            yield on / total, float(off) / total
 
 
 def best_path(S: NDArray[Any], model: RouteModel | None = None) -> NDArray[np.int64]:
