@@ -75,12 +75,13 @@ def answered(map_: Map, drives: Sequence[tuple[Traverse, bool]], true: dict[str,
     return Answered(np.array(right), np.array(probability), np.array(off), np.array(on), rate)
 
 
-def figures(alone: Answered, filtered: Answered) -> dict[str, float]:
+def figures(alone: Answered, filtered: Answered, threshold: float) -> dict[str, float]:
     """The columns of the table."""
     on = alone.on
-    sure = filtered.probability >= _PRECISION
+    sure = filtered.probability >= threshold
     told = filtered.off > 0.5
     return {
+        "threshold": threshold,
         "recall": float(alone.right[on].mean()),
         "brier": brier_score(alone.probability, alone.right),
         "calibration_error": expected_calibration_error(alone.probability, alone.right),
@@ -125,7 +126,7 @@ def rendered(out: Path, method: str) -> list[dict[str, object]]:
         parts = [(drive[:_AT], True), (other[name], False), (drive[_AT:], True)]
 
         def measured(parts: Sequence[tuple[Traverse, bool]] = parts) -> dict[str, float]:
-            return figures(answered(map_, parts, true, 1), answered(map_, parts, true, 10))
+            return figures(answered(map_, parts, true, 1), answered(map_, parts, true, 10), _threshold(map_))
 
         rows.append(_row("rendered", name, "before", measured()))
         map_.add(drive)
@@ -148,10 +149,14 @@ def nordland(data: Path, out: Path, method: str) -> list[dict[str, object]]:
                 "nordland",
                 "winter, second half",
                 when,
-                figures(answered(map_, parts, true, 1), answered(map_, parts, true, 10)),
+                figures(answered(map_, parts, true, 1), answered(map_, parts, true, 10), _threshold(map_)),
             )
         )
     return rows
+
+
+def _threshold(map_: Map) -> float:
+    return Localizer(map_).threshold(_PRECISION)
 
 
 def _row(set_: str, drive: str, when: str, found: dict[str, float]) -> dict[str, object]:

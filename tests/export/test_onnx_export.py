@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import pytest
 import torch
 
@@ -125,6 +126,10 @@ def test_a_run_of_oriented_gradients_is_exported(tmp_path: Path, tiny_route: Pat
     assert ours.shape == (12, 96)
     assert ours.std(axis=0).max() > 0.1
     assert np.abs(ours - theirs).max() <= 1e-4
+    graph = onnx.load(tmp_path / "net.onnx").graph
+    # That of the votes is the only convolution, and no weight of those for z_c went along.
+    assert [node.op_type for node in graph.node].count("Conv") == 1
+    assert not any("convolutions" in weight.name for weight in graph.initializer)
 
 
 @pytest.mark.slow

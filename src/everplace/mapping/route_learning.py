@@ -34,7 +34,7 @@ from everplace.route.route import Route
 from everplace.route.selection import Selection, select, spread
 from everplace.route.traverse import Traverse
 
-__all__ = ["Adaptation", "TaughtDrive", "adapt", "drive_statistics", "light_moments"]
+__all__ = ["Adaptation", "Learning", "TaughtDrive", "adapt", "drive_statistics", "light_moments"]
 
 _LIGHT_FRAMES = 512
 """Frames of the map that are looked at in other light."""
@@ -121,7 +121,7 @@ def adapt(
             written.
         route: Its first traverse is the map.
         out: The run directory to write; None: nothing is written.
-        dimensions: D; lowered to the map's places less one.
+        dimensions: D; lowered to the map's places less one. Frames of one view are one place.
         self_taught: Match the further traverses instead of believing their names.
         prior: "default" (the shipped one, where there is one for the method), "none", or a file of `save_prior`.
         selection: Which places take part.
@@ -149,29 +149,30 @@ def adapt(
     describer = reduced(whole)
     require_standardisable(describer.method, describer.metric)
     known, origin = _chosen_prior(prior, describer)
-    chosen = select(route, selection or Selection(), progress)
+    chosen = select(route, selection or Selection(), progress, only_shared=not self_taught)
     map_drive, others = chosen.traverses[0], chosen.traverses[1:]
     if len(map_drive) < 3:
         raise RouteError(
             f"the map {map_drive.name!r} has {len(map_drive)} frames; a descriptor is adapted to 3 or more"
         )
-    if others and not self_taught and not all(drive.stems == map_drive.stems for drive in others):
+    if others and not self_taught and not chosen.aligned:
         raise RouteError(
-            f"the traverses {map_drive.name!r} and {others[0].name!r} share no place by their names; find the "
-            "same places with `everplace data align`, or let the drives be matched with `self_taught`"
+            f"the traverses of {readable(route.root)} {route.why_not_aligned}; find the same places with `everplace "
+            "data align`, or let the drives be matched with --self-taught"
         )
-    if self_taught and not others:
-        raise RouteError("there is no drive but the map to learn from; give two traverses, the map first")
+    if not others and (self_taught or teach is not None):
+        option = "--self-taught" if self_taught else "--teach-frames"
+        raise RouteError(f"{option} wants a drive beside the map {map_drive.name!r} to learn from; give two traverses")
 
     described = describer.describe(map_drive, progress=progress)
     base = drive_statistics(described.values, light_moments(describer, map_drive, progress))
     taught = [drive[teach] if teach is not None else drive for drive in others]
     for drive in taught:
         if not len(drive):
-            raise RouteError(f"no frame of {drive.name!r} is left to learn from; begin `teach` lower")
+            raise RouteError(f"no frame of {drive.name!r} is left to learn from; begin --teach-frames lower")
     features = [describer.describe(drive, progress=progress) for drive in taught]
 
-    learn = _Learning(base, described, features, dimensions, known)
+    learn = Learning(base, described, features, dimensions, known)
     if self_taught:
         pairs = shown(progress, "matching the drives", learn.matched)
     else:
@@ -187,7 +188,8 @@ def adapt(
     settings: dict[str, str | int | float | bool] = {
         "method": name,
         "map": map_drive.name,
-        "places": len(map_drive),
+        "frames": len(map_drive),
+        "places": round(base.places.weight),
         "dimensions": len(projection.bias),
         "self_taught": self_taught,
         "prior": origin,
@@ -231,7 +233,7 @@ def light_moments(describer: Describer, drive: Traverse, progress: Progress = qu
     return moments_of_images(list(decode_images(chosen.paths, describer.image)), describer, progress)
 
 
-class _Learning:
+class Learning:
     """A map and drives, described, from which pairs and in the end a projection are made."""
 
     def __init__(

@@ -198,6 +198,12 @@ class Map:
         return Projection(arrays["weight"].astype(np.float64), arrays["bias"].astype(np.float64))
 
     @property
+    def held_out_answers(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Probability of the best match of frames of the map that were held out, and whether it was right."""
+        arrays = self._state.arrays
+        return arrays["held_out.probability"], arrays["held_out.right"].astype(np.bool_)
+
+    @property
     def condition_model(self) -> ConditionModel:
         """Tells conditions apart."""
         prefix = "condition."
@@ -388,21 +394,23 @@ class Map:
             if not len(named.frames):
                 raise MapError("`align` names: no frame of the drive has the name of one of the map; align by images")
             return placed(named, order.places, order.positions, "names")
-        seen = sure_pairs_of_scores(self._scores(described, order, table["drive"].to_pylist()))
+        seen = sure_pairs_of_scores(*self._scores(described, order, table["drive"].to_pylist()))
         share = agreement(named, seen)
         if align == "auto" and believed(share):
             return placed(named, order.places, order.positions, "names", share)
         return placed(seen, order.places, order.positions, "images", share)
 
-    def _scores(self, described: DescribedDrive, order: PlaceFrames, drives: list[str]) -> NDArray[np.float32]:
-        """M×P, every drive centred by its own mean, as a whole drive is at hand."""
+    def _scores(
+        self, described: DescribedDrive, order: PlaceFrames, drives: list[str]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """M×P scores, and P×D descriptors; every drive centred by its own mean, as a whole drive is at hand."""
         there = self.descriptors()
         names = np.array(drives)
         for name in self.drives:
             there[names == name] -= there[names == name].mean(axis=0)
         here = project(described.features, self.projection)
         here -= here.mean(axis=0)
-        return order.fuse(directions(here) @ directions(there[order.rows]).T)
+        return order.fuse(directions(here) @ directions(there[order.rows]).T), there[order.first]
 
 
 def default_method() -> str:
@@ -440,13 +448,18 @@ def _learnt(
     new = dict(document)
     if learns or not state.version:
         prior = _prior(document)
-        projection, calibration, learnt = shown(
+        learnt = shown(
             progress,
             "learning from the drives",
             lambda: learn(frames, light_of(arrays), int(document["dimensions"]), prior),
         )
-        kept |= {"weight": projection.weight.astype(np.float32), "bias": projection.bias.astype(np.float32)}
-        new |= {"calibration": calibration.to_dict(), "learnt": learnt}
+        kept |= {
+            "weight": learnt.projection.weight.astype(np.float32),
+            "bias": learnt.projection.bias.astype(np.float32),
+            "held_out.probability": learnt.probability,
+            "held_out.right": learnt.right.astype(np.uint8),
+        }
+        new |= {"calibration": learnt.calibration.to_dict(), "learnt": learnt.known}
     projection = Projection(kept["weight"].astype(np.float64), kept["bias"].astype(np.float64))
     model = ConditionModel.fit(
         as_matrix(table["looks"]), [document["drives"][drive]["condition"] for drive in frames.drives]

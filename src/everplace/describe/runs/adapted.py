@@ -6,6 +6,8 @@ copied into the directory, so that it holds all that describing needs.
 
 from __future__ import annotations
 
+import hashlib
+import os
 import shutil
 from pathlib import Path
 
@@ -45,7 +47,7 @@ class AdaptedDescriber(Describer):
         Args:
             base: Gives F numbers an image.
             projection: (D, F).
-            settings: What identifies the map, beside the base's settings.
+            settings: What the map was made with.
             seen_stems: Frames of other drives that it was learnt from.
             seen_images: The same, by their content.
         """
@@ -60,10 +62,12 @@ class AdaptedDescriber(Describer):
         self._settings = settings
         self._weight = np.ascontiguousarray(projection.weight.T, np.float32)
         self._bias = projection.bias.astype(np.float32)
+        self._digest = hashlib.sha256(self._weight.tobytes() + self._bias.tobytes()).hexdigest()[:16]
 
     def settings(self) -> Settings:
-        """What identifies the map, and the settings of the method below."""
-        return {**self._settings, **{f"base.{key}": value for key, value in self.base.settings().items()}}
+        """What the map was made with, a hash of its numbers, and the settings of the method below."""
+        below = {f"base.{key}": value for key, value in self.base.settings().items()}
+        return {**self._settings, "adapter": self._digest, **below}
 
     def describe_batch(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Describes B×H×W×C images by B×D numbers."""
@@ -86,8 +90,10 @@ def write_adapted(out: Path, method: str, adapted: AdaptedDescriber, settings: S
     Raises:
         StorageError: Writing failed.
     """
-    if Path(method).is_dir():
-        shutil.copytree(method, out / _BASE, ignore=shutil.ignore_patterns("resume", ".lock", "tensorboard"))
+    if os.path.isfile(os.path.join(method, "config.toml")):  # noqa: PTH113, PTH118
+        # `out` may lie in the run.
+        left = shutil.ignore_patterns("resume", ".lock", "tensorboard", ".*.part")
+        shutil.copytree(method, out / _BASE, ignore=left)
         method = ""
     tensors = {
         "weight": torch.from_numpy(adapted.projection.weight.astype(np.float32)),
@@ -117,14 +123,15 @@ def open_method(argument: str) -> AdaptedDescriber:
         method, features = about["method"], about["features"]
         stems, images = frozenset(map(str, about["seen_stems"])), frozenset(map(str, about["seen_images"]))
         settings = {str(key): value for key, value in about["settings"].items() if isinstance(value, str | int | float)}
-        digest = str(about["tensors"]["sha256"])
     except (KeyError, TypeError, AttributeError):
         raise CheckpointError(damaged) from None
-    if weight.ndim != 2 or bias.shape != weight.shape[:1] or weight.shape[1] != features or not isinstance(method, str):
+    fits = weight.ndim == 2 and len(weight) and weight.shape == (len(bias), features) and bias.ndim == 1
+    known = isinstance(method, str) and (method or (run / _BASE / "config.toml").is_file())
+    if not fits or not known:
         raise CheckpointError(damaged)
     base = open_describer(method or run / _BASE)
     if base.dimension != features:
         raise CheckpointError(
             f"{readable(run)} was made for {features} numbers, but {base.method} gives {base.dimension}; adapt again"
         )
-    return AdaptedDescriber(base, Projection(weight, bias), {**settings, "adapter": digest[:16]}, stems, images)
+    return AdaptedDescriber(base, Projection(weight, bias), settings, stems, images)
