@@ -72,7 +72,7 @@ def test_frames_that_are_left_out_keep_the_numbers_of_the_others(tmp_path: Path)
 @pytest.mark.parametrize("form", ["mono16", "rgb16", "png"])
 def test_16_bit_frames_are_scaled_as_an_import_scales_them(tmp_path: Path, form: str) -> None:
     values = np.random.default_rng(5).integers(1700, 3700, (40, 50, 3), np.uint16)
-    content = (form, values if form == "rgb16" else values[..., 0])
+    content: tuple[str, Any] = (form, values if form == "rgb16" else values[..., 0])
     if form == "png":
         content = (form, cv2.imencode(".png", values[..., 0])[1].tobytes())
     rows = [("/camera", COMPRESSED if form == "png" else IMAGE, t, content) for t in (1, 2)]
