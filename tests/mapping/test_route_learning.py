@@ -33,7 +33,9 @@ def route(rendered_route: Path) -> Route:
 
 def recall(route: Route, method: Any, frames: str = "70:") -> float:
     selection = Selection(parse_frames(frames))
-    return ep.retrieve(route, "winter", "summer", method, selection=selection).scores.recall_at[1]
+    scores = ep.retrieve(route, "winter", "summer", method, selection=selection).scores
+    assert scores is not None
+    return scores.recall_at[1]
 
 
 @pytest.mark.slow

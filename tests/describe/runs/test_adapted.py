@@ -36,8 +36,9 @@ def written(out: Path, method: str = "hog16", seed: int = 0, dimensions: int = 5
     base = open_describer(method)
     out.mkdir(exist_ok=True)
     made, seen = projection(dimensions, base.dimension, seed), frozenset({"b", "a"})
-    write_adapted(out, method, made, SETTINGS, seen, base.dimension)
-    return AdaptedDescriber(base, made, SETTINGS, seen)
+    adapted = AdaptedDescriber(base, made, SETTINGS, seen, frozenset({"0123456789ab"}))
+    write_adapted(out, method, adapted, SETTINGS)
+    return adapted
 
 
 def pictures(describer: Describer, count: int = 3) -> NDArray[np.uint8]:
