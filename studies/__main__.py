@@ -21,7 +21,7 @@ from everplace.route.selection import Selection, parse_frames
 from everplace.scoring.retrieval import retrieve
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
-from studies import adaptation, comparisons, folds, living_map, prior, sequences, teaching
+from studies import adaptation, calibration, comparisons, folds, living_map, prior, sequences, teaching
 from studies.protocols import PROTOCOLS, Protocol
 from studies.tables import SCORES, spread
 
@@ -35,6 +35,7 @@ def main() -> None:
 
 def study() -> None:
     others = {
+        "calibration": calibration.main,
         "sequences": sequences.main,
         "comparisons": comparisons.main,
         "folds": folds.main,
