@@ -9,12 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
 from tests.cli.test_main import call, refused
-from tests.importing.sources.test_bag import COMPRESSED, IMAGE, encoded, write_bag
+from tests.importing.sources.test_bag import COMPRESSED, IMAGE, east, encoded, fixed_bag, write_bag
 from tests.importing.sources.test_video import write_video
 
 from everplace.describe.files.descriptors import load_descriptors
@@ -66,6 +67,38 @@ def test_frames_that_are_left_out_keep_the_numbers_of_the_others(tmp_path: Path)
     path = video(tmp_path / "a.mkv")
     assert call("describe", "sad", path, "--set", "every_seconds=0.5", "--out", tmp_path / "a.h5")[0] == 0
     assert load_descriptors(tmp_path / "a.h5").names == ("000000", "000005", "000010")
+
+
+@pytest.mark.parametrize("form", ["mono16", "rgb16", "png"])
+def test_16_bit_frames_are_scaled_as_an_import_scales_them(tmp_path: Path, form: str) -> None:
+    values = np.random.default_rng(5).integers(1700, 3700, (40, 50, 3), np.uint16)
+    content: tuple[str, Any] = (form, values if form == "rgb16" else values[..., 0])
+    if form == "png":
+        content = (form, cv2.imencode(".png", values[..., 0])[1].tobytes())
+    rows = [("/camera", COMPRESSED if form == "png" else IMAGE, t, content) for t in (1, 2)]
+    path = write_bag(tmp_path / "a.bag", rows)
+    status, _, err = call("describe", "hog", path, "--out", tmp_path / "plain.h5")
+    assert status == 0
+    assert "2 of 2 16-bit frames of a use less than a sixteenth" in err
+    options = re.findall("--set (range=[0-9:]+)", err)
+    assert len(options) == 1
+    status, _, err = call("describe", "hog", path, "--set", *options, "--out", tmp_path / "direct.h5")
+    assert status == 0
+    assert "16-bit" not in err
+    assert call("data", "import", "bag", path, "--set", *options, "--out", tmp_path / "route")[0] == 0
+    assert call("describe", "hog", tmp_path / "route/a", "--out", tmp_path / "imported.h5")[0] == 0
+    imported, direct = load_descriptors(tmp_path / "imported.h5"), load_descriptors(tmp_path / "direct.h5")
+    np.testing.assert_array_equal(direct.values, imported.values)
+    assert (direct.values != load_descriptors(tmp_path / "plain.h5").values).any()
+
+
+def test_frames_without_a_fix_are_counted_where_a_bag_is_described(tmp_path: Path) -> None:
+    path = fixed_bag(tmp_path / "a.bag", [*east(0), (-1, 0.0, 0.0), *east(2, 3)])
+    arguments = ("describe", "hog", path, "--set", "every_metres=1", "--set", "pose_limit=0.4")
+    status, _, err = call(*arguments, "--out", tmp_path / "a.h5")
+    assert status == 0
+    assert "Frames of a that were left out, since the receiver had no fix near them: 1." in err
+    assert len(load_descriptors(tmp_path / "a.h5").names) == 3
 
 
 def test_what_is_a_recording(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 from tests.importing.packing import pack
-from tests.importing.sources.test_bag import IMAGE, write_bag
+from tests.importing.sources.test_bag import COMPRESSED, IMAGE, write_bag
 
 from everplace.errors import ConfigError, ImageError
 from everplace.images.decoding import ImageSpec, decode_image
@@ -76,6 +77,26 @@ def test_bags_are_scaled(tmp_path: Path, encoding: str, values: NDArray[np.uint1
     import_route("bag", tmp_path / "day.bag", tmp_path / "out", {"range": f"{LOW}:{HIGH}"})
     expected = wanted(COLOURS if values.ndim == 3 else VALUES)
     np.testing.assert_array_equal(first_frame(tmp_path / "out"), np.atleast_3d(expected) * np.ones(3, np.int64))
+
+
+@pytest.mark.parametrize("form", ["mono16", "rgb16", "png"])
+def test_the_parts_of_a_joined_drive_have_one_scale(tmp_path: Path, form: str) -> None:
+    (tmp_path / "day").mkdir()
+    for part in range(3):
+        rows: list[Any] = [("/camera", IMAGE, 1.0 + part, (form, COLOURS if form == "rgb16" else VALUES))]
+        if form == "png":
+            rows = [("/camera", COMPRESSED, 1.0 + part, (form, encoded(VALUES, ".png")))]
+        write_bag(tmp_path / f"day/a_{part}.bag", rows)
+    notes = import_route("bag", tmp_path / "day", tmp_path / "plain", {"join": "true"}).notes
+    (note,) = (note for note in notes if "16-bit" in note)
+    assert note.startswith("3 of 3 16-bit frames of day use less than a sixteenth")
+    scaled = {"join": "true", "range": f"{LOW}:{HIGH}"}
+    assert not [note for note in import_route("bag", tmp_path / "day", tmp_path / "out", scaled).notes if "16" in note]
+    (drive,) = open_route(tmp_path / "out").traverses
+    assert len(drive) == 3
+    for path in drive.paths:
+        expected = wanted(COLOURS) if form == "rgb16" else np.dstack([wanted(VALUES)] * 3)
+        np.testing.assert_array_equal(decode_image(path, ImageSpec()), expected)
 
 
 def test_a_mosaic_in_a_bag_is_scaled(tmp_path: Path) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.images.decoding import ImageSpec, convert_image
+from everplace.images.sixteen_bits import SixteenBits
 from everplace.importing.containers.ros_bag import BAG_ENDINGS, METADATA
 from everplace.importing.containers.video_frames import VIDEO_ENDINGS
 from everplace.importing.foreign_route import ForeignTraverse
@@ -29,12 +30,19 @@ class RecordedFrames:
     Attributes:
         path: The video or bag.
         drive: Its frames.
-        notes: Sentences that the user should read.
+        source_notes: What the source says; more may be added while the frames are read.
+        scale_notes: What the 16-bit values of the frames showed, once they were read.
     """
 
     path: Path
     drive: ForeignTraverse
-    notes: tuple[str, ...]
+    source_notes: Sequence[str]
+    scale_notes: list[str] = field(default_factory=list)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences that the user should read; whole once the frames were read."""
+        return (*self.source_notes, *self.scale_notes)
 
     def pixels(self, spec: ImageSpec, names: list[str]) -> Iterator[NDArray[np.uint8]]:
         """Yields the images as a method wants them; the name of each is added to `names`.
@@ -43,14 +51,18 @@ class RecordedFrames:
             RouteError: The recording is damaged.
             ImageError: An image of it cannot be decoded.
         """
+        scale: SixteenBits | None = None
         try:
             for frame in self.drive.frames:
                 names.append(frame.stem)
+                scale = frame.scale
                 # An array as the same image in a file would be, so that importing first changes no number.
                 content = frame.content
                 yield convert_image(content, spec) if isinstance(content, np.ndarray) else decode_content(frame, spec)
         except OSError as error:
             raise unreadable(error, self.path) from error
+        if scale is not None:
+            self.scale_notes.extend(scale.notes(readable(self.drive.name)))
 
 
 def is_recording(path: Path) -> bool:
@@ -85,4 +97,4 @@ def open_recording(path: Path, options: Mapping[str, str] | None = None) -> Reco
         drive = next(route.traverses)
     except OSError as error:
         raise unreadable(error, path) from error
-    return RecordedFrames(path, drive, tuple(route.notes))
+    return RecordedFrames(path, drive, route.notes)

@@ -72,8 +72,8 @@ class SixteenBits:
             low, high = min(low for low, _ in self._narrow), max(high for _, high in self._narrow)
             notes.append(
                 f"{len(self._narrow)} of {self.frames} 16-bit frames of {drive} use less than a sixteenth of their "
-                f"range (values {low} to {high}), so few grey levels are left; import all drives with one scale, such "
-                f"as `range={low}:{high + 1}`, or `bits=N` for a camera of N bits."
+                f"range (values {low} to {high}), so few grey levels are left; import or describe all drives "
+                f"with one scale, such as `range={low}:{high + 1}`, or `bits=N` for a camera of N bits."
             )
         return notes
 

@@ -220,6 +220,28 @@ def test_frames_at_exactly_0_0_are_left_out_unless_all_are(tmp_path: Path, lost:
     assert told in summary.notes
 
 
+@pytest.mark.parametrize("lost", [[0], [1, 3], [0, 1, 2, 3]])
+def test_the_scale_of_thermal_frames_is_that_of_the_frames_that_are_left(tmp_path: Path, lost: list[int]) -> None:
+    write_drive(tmp_path, DAY, 4, camera="thr")
+    for number in range(4):
+        first = 20000 if number in lost else 3000
+        values = np.linspace(first, first + 999, 64 * 32).round().astype(np.uint16).reshape(32, 64)
+        Image.fromarray(values).save(tmp_path / "sync_data" / DAY / f"thr/img_left/{number:06d}.png")
+        if number in lost:
+            (tmp_path / "sync_data" / DAY / f"gps_imu/data/{number:06d}.txt").write_text("0\n0\n")
+    summary = import_route("ms2", tmp_path, tmp_path / "route", {"camera": "thr"})
+    (traverse,) = open_route(tmp_path / "route").traverses
+    assert len(traverse) == (4 - len(lost) or 4)
+    assert (traverse.poses is None) == (len(lost) == 4)
+    low = 20000 if len(lost) == 4 else 3000
+    (note,) = (note for note in summary.notes if "The 16-bit values" in note)
+    assert note.startswith(f"The 16-bit values {low + 1}:{low + 999} of {DAY} became")
+    assert [note for note in summary.notes if "0, 0" in note]
+    for path in traverse.paths:
+        pixels = np.asarray(Image.open(path))
+        assert len(np.unique(pixels)) > 200
+
+
 def test_ms2_that_is_thinned_counts_the_frames_that_take_part(tmp_path: Path) -> None:
     write_drive(tmp_path, DAY, 6)
     (tmp_path / "sync_data" / DAY / "gps_imu/data/000002.txt").write_text("0\n0\n")
