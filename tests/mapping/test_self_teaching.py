@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from everplace.describe.files.descriptors import Descriptors
 from everplace.errors import DescriptorsError
-from everplace.mapping.self_teaching import SurePairs, _in_runs, sure_pairs
+from everplace.mapping.self_teaching import SurePairs, _in_runs, _over_visits, sure_pairs
 
 D = 40
 
@@ -73,6 +73,31 @@ def test_a_map_that_saw_places_several_times_is_matched(mapped: NDArray[np.int64
     shown = mapped[pairs.places]
     assert (np.abs(shown - pairs.frames) <= 1).mean() > 0.97
     assert pairs.share > 0.6
+
+
+def odds_of(*frames: dict[int, float]) -> NDArray[np.float32]:
+    """Log-odds of probabilities by place, of a map of 40."""
+    p = np.full((len(frames), 40), 0.001)
+    for row, frame in zip(p, frames, strict=True):
+        row[list(frame)] = list(frame.values())
+    return np.asarray(np.log(p / (1 - p)), np.float32)
+
+
+def test_what_speaks_for_one_visit_speaks_for_the_place() -> None:
+    views = np.eye(40, dtype=np.float32)
+    views[30:33] = views[10:13]
+    frames = ({10: 0.5, 30: 0.4}, {11: 0.3, 31: 0.6}, {12: 0.5, 32: 0.4999}, {20: 0.7, 30: 0.2})
+    places, odds = _over_visits(odds_of(*frames), views)
+    assert places.tolist() == [10, 11, 12, 20], "it goes on where it began"
+    np.testing.assert_allclose(1 / (1 + np.exp(-odds)), [0.9, 0.9, 0.9999, 0.7], atol=1e-4)
+
+
+def test_frames_beside_each_other_are_one_visit() -> None:
+    views = np.eye(40, dtype=np.float32)
+    views[12] = views[14] = views[10]
+    places, odds = _over_visits(odds_of({10: 0.5, 12: 0.45, 14: 0.4}), views)
+    assert places.tolist() == [10]
+    np.testing.assert_allclose(odds, 0, atol=1e-5)
 
 
 def test_a_detour_is_left_out() -> None:

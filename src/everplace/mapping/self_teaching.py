@@ -85,7 +85,8 @@ def _over_visits(
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """M best places, and the log-odds of showing what they show, at whichever visit.
 
-    Of several visits to a place the one counts that goes on from the frame before.
+    Of several visits to a place the one counts that goes on from the frame before. Frames of the map that look alike
+    within a run are one visit.
 
     Args:
         odds: M×N.
@@ -98,7 +99,7 @@ def _over_visits(
     for frame, place in enumerate(places.tolist()):
         if place not in visits:
             alike = np.flatnonzero(views @ views[place] >= _ALIKE * length * length[place])
-            visits[place] = np.split(alike, np.flatnonzero(np.diff(alike) > 1) + 1)
+            visits[place] = np.split(alike, np.flatnonzero(np.diff(alike) > _RUN) + 1)
         if len(visits[place]) > 1:
             shown = np.array([visit[odds[frame, visit].argmax()] for visit in visits[place]])
             worth = float(expit(odds[frame, shown].astype(np.float64)).sum())
