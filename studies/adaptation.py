@@ -129,7 +129,7 @@ def _rows(
             return adapt(describer, alone, prior=prior, dimensions=count).describer, None
 
         def taught(prior: str, *, by_itself: bool, count: int = dimensions) -> tuple[Describer, object]:
-            found = adapt(describer, both, prior=prior, dimensions=count, self_taught=by_itself, teach=teach)
+            found = adapt(describer, both, prior=prior, dimensions=count, self_taught=by_itself, teach_frames=teach)
             drive = found.drives[0]
             return found.describer, {"share": drive.pairs.share, "right": drive.right}
 
@@ -141,7 +141,7 @@ def _rows(
         yield row("self-taught, shipped prior", dimensions, lambda taught=taught: taught("default", by_itself=True))
         yield row("true pairs, no prior", dimensions, lambda taught=taught: taught("none", by_itself=False))
     if name == "nordland" and not real.is_file():
-        adapt(describer, both, prior="none", teach=teach, save_prior_to=real)
+        adapt(describer, both, prior="none", teach_frames=teach, save_prior=real)
 
 
 def _table(out: Path) -> str:

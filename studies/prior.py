@@ -15,7 +15,7 @@ from pathlib import Path
 
 from everplace.adaptation.drive_statistics import half_differences
 from everplace.adaptation.moments import Moments
-from everplace.adaptation.prior import Prior, save_prior
+from everplace.adaptation.prior import Prior, write_prior
 from everplace.describe.registry import open_describer
 from everplace.mapping.route_learning import light_moments
 from everplace.render.render_config import render_config
@@ -53,4 +53,4 @@ def make_prior(method: str, out: Path, worlds: Path) -> None:
         for name in _IN_LIGHT:
             light += light_moments(describer, route[name])
     within = 0.5 * pairs.second_moment() + 0.5 * light.second_moment()
-    save_prior(out, Prior.of(within, describer.method, describer.settings()))
+    write_prior(out, Prior.of(within, describer.method, describer.settings()))

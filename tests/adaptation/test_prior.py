@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from safetensors.numpy import save
 
 from everplace.adaptation import prior as module
-from everplace.adaptation.prior import Prior, load_prior, require_fitting, save_prior, shipped_prior
+from everplace.adaptation.prior import Prior, load_prior, require_fitting, shipped_prior, write_prior
 from everplace.describe.registry import open_describer
 from everplace.errors import CheckpointError, ConfigError
 
@@ -47,7 +47,7 @@ def test_of_few_numbers_hardly_anything_is_lost() -> None:
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     prior = small(method="hog16+efficientnet", settings={"0.cell": 8, "1.weights": "ab", "x": 0.5})
-    save_prior(tmp_path / "prior.safetensors", prior)
+    write_prior(tmp_path / "prior.safetensors", prior)
     found = load_prior(tmp_path / "prior.safetensors")
     np.testing.assert_array_equal(found.directions, prior.directions)
     np.testing.assert_array_equal(found.variances, prior.variances)
@@ -121,7 +121,7 @@ def test_whatever_byte_is_altered_numbers_stay_numbers(tmp_path_factory: Any, at
 @pytest.mark.parametrize("missing", [True, False])
 def test_a_file_that_is_none_is_one_sentence(tmp_path: Path, missing: bool) -> None:
     path = tmp_path / "missing" if missing else tmp_path
-    with pytest.raises(CheckpointError, match=r"the prior .* cannot be read \((No such|Is a).*\); correct --prior"):
+    with pytest.raises(CheckpointError, match=r"the prior .* cannot be read \((No such|Is a).*\); correct `prior`"):
         load_prior(path)
 
 
@@ -129,7 +129,7 @@ def test_it_fits_its_own_method_alone() -> None:
     prior = small()
     require_fitting(prior, "hog16", {"cell": 8}, 12)
     for other in (("hog", {"cell": 8}, 12), ("hog16", {"cell": 4}, 12), ("hog16", {"cell": 8}, 13)):
-        with pytest.raises(ConfigError, match="the prior is of the method hog16 .* --save-prior, or give --prior none"):
+        with pytest.raises(ConfigError, match="the prior is of the method hog16 .* `save_prior`, or give `prior=none`"):
             require_fitting(prior, *other)
 
 
@@ -145,7 +145,7 @@ def test_the_shipped_one_is_of_the_gradients_as_they_are() -> None:
 
 
 def test_the_settings_are_readable_json(tmp_path: Path) -> None:
-    save_prior(tmp_path / "prior", small())
+    write_prior(tmp_path / "prior", small())
     data = (tmp_path / "prior").read_bytes()
     header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
     assert header["__metadata__"]["settings"] == '{"cell": 8}'

@@ -17,7 +17,7 @@ import everplace as ep
 from everplace.adaptation.drive_statistics import half_differences
 from everplace.adaptation.moments import Moments
 from everplace.adaptation.place_weights import place_weights
-from everplace.adaptation.prior import Prior, load_prior, save_prior
+from everplace.adaptation.prior import Prior, load_prior, write_prior
 from everplace.describe.files.descriptors import Descriptors
 from everplace.errors import CheckpointError, ConfigError, EverplaceError, MethodError, RouteError
 from everplace.mapping.route_learning import Learning, adapt, drive_statistics, light_moments
@@ -42,9 +42,9 @@ def recall(route: Route, method: Any, frames: str = "70:") -> float:
 def test_one_drive_then_a_later_one_make_it_better(route: Route, tmp_path: Path) -> None:
     one = adapt("hog16", route.choose(["summer"]), tmp_path / "one", prior="none", dimensions=48)
     taught = adapt(
-        "hog16", route, tmp_path / "taught", prior="none", dimensions=48, self_taught=True, teach=slice(0, 60)
+        "hog16", route, tmp_path / "taught", prior="none", dimensions=48, self_taught=True, teach_frames=slice(0, 60)
     )
-    aligned = adapt("hog16", route, prior="none", dimensions=48, teach=slice(0, 60))
+    aligned = adapt("hog16", route, prior="none", dimensions=48, teach_frames=slice(0, 60))
     plain, alone = recall(route, "hog16"), recall(route, str(tmp_path / "one"))
     by_itself, by_names = recall(route, str(tmp_path / "taught")), recall(route, aligned.describer)
     assert plain - 0.02 <= alone <= by_itself
@@ -80,9 +80,9 @@ def test_names_are_ignored_where_it_teaches_itself(route: Route) -> None:
 @pytest.mark.slow
 def test_without_an_alignment_nothing_is_matched_by_name(route: Route) -> None:
     unaligned = replace(route, stems_are_places=False)
-    with pytest.raises(RouteError, match=r"are not aligned.*everplace data align.*--self-taught"):
+    with pytest.raises(RouteError, match=r"are not aligned.*everplace data align.*`self_taught`"):
         adapt("hog16", unaligned)
-    taught = adapt("hog16", unaligned, prior="none", dimensions=8, self_taught=True, teach=slice(0, 40))
+    taught = adapt("hog16", unaligned, prior="none", dimensions=8, self_taught=True, teach_frames=slice(0, 40))
     assert taught.drives[0].right is None
 
 
@@ -91,14 +91,14 @@ def test_drives_that_share_no_name_are_one_sentence(route: Route, tmp_path: Path
     (tmp_path / "r" / "winter").mkdir()
     for frame in route["winter"][:20]:
         shutil.copy(frame.path, tmp_path / "r" / "winter" / f"w{frame.stem}.png")
-    with pytest.raises(RouteError, match=r"share no stem; find the same places.*--self-taught"):
+    with pytest.raises(RouteError, match=r"share no stem; find the same places.*`self_taught`"):
         adapt("hog16", open_route(tmp_path / "r"))
 
 
 @pytest.mark.slow
 def test_a_prior_is_saved_used_and_told(route: Route, tmp_path: Path) -> None:
     summer = route.choose(["summer"])
-    adapt("hog16", route, prior="none", dimensions=4, save_prior_to=tmp_path / "w0")
+    adapt("hog16", route, prior="none", dimensions=4, save_prior=tmp_path / "w0")
     saved = load_prior(tmp_path / "w0")
     assert (saved.method, saved.directions.shape) == ("hog16", (256, 2048))
     found = adapt("hog16", summer, prior=tmp_path / "w0", dimensions=4)
@@ -133,13 +133,15 @@ def test_what_cannot_be_is_one_sentence_and_leaves_nothing(route: Route, tmp_pat
     summer, out = route.choose(["summer"]), tmp_path / "out"
     refused(ConfigError, "`dimensions` 0 is not possible", "hog16", summer, out, dimensions=0)
     refused(RouteError, "has 2 frames; .* 3 or more", "hog16", summer, out, selection=Selection(slice(0, 2)))
-    refused(RouteError, "--self-taught wants a drive beside the map 'summer'", "hog16", summer, out, self_taught=True)
-    refused(RouteError, "--teach-frames wants a drive beside the map", "hog16", summer, out, teach=slice(0, 5))
-    refused(RouteError, "no frame of 'winter' is left.*--teach-frames", "hog16", route, out, teach=slice(500, None))
+    refused(RouteError, "`self_taught` wants a drive beside the map 'summer'", "hog16", summer, out, self_taught=True)
+    refused(RouteError, "`teach_frames` wants a drive beside the map", "hog16", summer, out, teach_frames=slice(0, 5))
+    refused(
+        RouteError, "no frame of 'winter' is left.*`teach_frames`", "hog16", route, out, teach_frames=slice(500, None)
+    )
     refused(MethodError, "there is no method", "hog17", summer, out)
     refused(MethodError, "cannot be joined", "hog16+sad", summer, out)
     refused(CheckpointError, "cannot be read", "hog16", summer, out, prior=tmp_path / "none")
-    save_prior(tmp_path / "w0", Prior.of(np.diag(np.arange(1.0, 21)), "hog", {}))
+    write_prior(tmp_path / "w0", Prior.of(np.diag(np.arange(1.0, 21)), "hog", {}))
     refused(ConfigError, "the prior is of the method hog", "hog16", summer, out, prior=tmp_path / "w0")
     (tmp_path / "w1").write_bytes((tmp_path / "w0").read_bytes()[:-9])
     refused(CheckpointError, "or it is damaged", "hog16", summer, out, prior=tmp_path / "w1")

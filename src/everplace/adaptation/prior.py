@@ -16,7 +16,7 @@ from everplace.errors import CheckpointError, ConfigError
 from everplace.files import readable, whole_file
 from everplace.regular_files import read_regular
 
-__all__ = ["Prior", "load_prior", "save_prior", "shipped_prior"]
+__all__ = ["Prior", "load_prior", "shipped_prior", "write_prior"]
 
 RANK = 256
 
@@ -58,7 +58,7 @@ class Prior:
         return covariance
 
 
-def save_prior(path: Path, prior: Prior) -> None:
+def write_prior(path: Path, prior: Prior) -> None:
     """Writes a prior as one safetensors file, whole or not at all.
 
     Raises:
@@ -79,7 +79,7 @@ def save_prior(path: Path, prior: Prior) -> None:
 
 
 def load_prior(path: Path) -> Prior:
-    """Reads what `save_prior` wrote.
+    """Reads what `write_prior` wrote.
 
     Raises:
         CheckpointError: It is missing, or no such file.
@@ -88,7 +88,7 @@ def load_prior(path: Path) -> Prior:
         data = read_regular(path)
     except OSError as error:
         raise CheckpointError(
-            f"the prior {readable(path)} cannot be read ({error.strerror}); correct --prior"
+            f"the prior {readable(path)} cannot be read ({error.strerror}); correct `prior`"
         ) from None
     return _parse(data, readable(path))
 
@@ -111,7 +111,7 @@ def require_fitting(prior: Prior, method: str, settings: Mapping[str, Any], feat
     if prior.method != method or dict(prior.settings) != dict(settings) or prior.directions.shape[1] != features:
         raise ConfigError(
             f"the prior is of the method {prior.method} with its settings, not of {method} as it is here; make one "
-            "with --save-prior, or give --prior none"
+            "with `save_prior`, or give `prior=none`"
         )
 
 

@@ -65,8 +65,8 @@ def adapt(
         self_taught=self_taught,
         prior=prior,
         selection=places.selection(),
-        teach=parse_frames(teach_frames, "--teach-frames") if teach_frames else None,
-        save_prior_to=save_prior,
+        teach_frames=parse_frames(teach_frames, "--teach-frames") if teach_frames else None,
+        save_prior=save_prior,
         progress=show_progress(),
     )
     if result.describer.dimension < dimensions:

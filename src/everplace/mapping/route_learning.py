@@ -15,7 +15,7 @@ from everplace.adaptation.discriminant import Projection
 from everplace.adaptation.drive_statistics import DriveStatistics, half_differences
 from everplace.adaptation.moments import Moments
 from everplace.adaptation.place_weights import pair_weights, place_weights
-from everplace.adaptation.prior import Prior, load_prior, require_fitting, save_prior, shipped_prior
+from everplace.adaptation.prior import Prior, load_prior, require_fitting, shipped_prior, write_prior
 from everplace.adaptation.route_adaptation import PRIOR_WEIGHT, adapted_projection, fitting_prior_weight, within_places
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Descriptors
@@ -105,8 +105,8 @@ def adapt(
     self_taught: bool = False,
     prior: str | os.PathLike[str] = "default",
     selection: Selection | None = None,
-    teach: slice | None = None,
-    save_prior_to: str | os.PathLike[str] | None = None,
+    teach_frames: slice | None = None,
+    save_prior: str | os.PathLike[str] | None = None,
     progress: Progress = quiet,
 ) -> Adaptation:
     """Adapts a descriptor to a route, in closed form.
@@ -125,8 +125,8 @@ def adapt(
         self_taught: Match the further traverses instead of believing their names.
         prior: "default" (the shipped one, where there is one for the method), "none", or a file of `save_prior`.
         selection: Which places take part.
-        teach: Of the further traverses, the places that teach; None: all.
-        save_prior_to: File to write this route's scatter within places to, as a prior for other routes.
+        teach_frames: Of the further traverses, the places that teach; None: all.
+        save_prior: File to write this route's scatter within places to, as a prior for other routes.
         progress: Told of the describing and solving.
 
     Raises:
@@ -158,18 +158,18 @@ def adapt(
     if others and not self_taught and not chosen.aligned:
         raise RouteError(
             f"the traverses of {readable(route.root)} {route.why_not_aligned}; find the same places with `everplace "
-            "data align`, or let the drives be matched with --self-taught"
+            "data align`, or let the drives be matched with `self_taught`"
         )
-    if not others and (self_taught or teach is not None):
-        option = "--self-taught" if self_taught else "--teach-frames"
+    if not others and (self_taught or teach_frames is not None):
+        option = "`self_taught`" if self_taught else "`teach_frames`"
         raise RouteError(f"{option} wants a drive beside the map {map_drive.name!r} to learn from; give two traverses")
 
     described = describer.describe(map_drive, progress=progress)
     base = drive_statistics(described.values, light_moments(describer, map_drive, progress))
-    taught = [drive[teach] if teach is not None else drive for drive in others]
+    taught = [drive[teach_frames] if teach_frames is not None else drive for drive in others]
     for drive in taught:
         if not len(drive):
-            raise RouteError(f"no frame of {drive.name!r} is left to learn from; begin --teach-frames lower")
+            raise RouteError(f"no frame of {drive.name!r} is left to learn from; begin `teach_frames` lower")
     features = [describer.describe(drive, progress=progress) for drive in taught]
 
     learn = Learning(base, described, features, dimensions, known)
@@ -202,9 +202,9 @@ def adapt(
     images = [drive.take(found.frames) for drive, found in zip(taught, pairs, strict=True)]
     digests = frozenset(digest for part in images for digest in image_digests(part, progress))
     result = AdaptedDescriber(whole, projection, settings, seen, digests)
-    if save_prior_to is not None:
+    if save_prior is not None:
         within = within_places(learn.statistics(pairs)[0], None, 0.0)
-        save_prior(Path(save_prior_to), Prior.of(within, describer.method, describer.settings()))
+        write_prior(Path(save_prior), Prior.of(within, describer.method, describer.settings()))
     adaptation = Adaptation(result, map_drive, drives, dimensions, origin, weight, settings)
     if out is not None:
         with whole_directory(Path(out)) as directory:
