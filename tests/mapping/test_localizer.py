@@ -116,6 +116,15 @@ def test_frames_left_out_of_a_map_of_one_drive(unchanged_summer_map: Path, uncha
     json.dumps(nothing.to_dict(), allow_nan=False)
 
 
+def test_frames_left_out_are_no_answer_though_those_before_lead_there(
+    unchanged_summer_map: Path, unchanged_rendered_route: Path
+) -> None:
+    localizer = Localizer(unchanged_summer_map)
+    for number, image in enumerate(images_of(unchanged_rendered_route / "summer")[:40]):
+        answer = localizer.locate(image, excluded=("summer", number, 10) if number >= 20 else None)
+        assert number < 20 or abs(answer.place - number) >= 10
+
+
 OTHER = """
 import sys
 import numpy as np

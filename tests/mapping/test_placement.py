@@ -52,10 +52,10 @@ def test_poses_that_nobody_has_are_said_to_be_missing(side: int) -> None:
         ([1, 2, 3, 4], 1.0),  # a place off is the frame's neighbour
         ([2, 3, 4, 5], 0.0),
         ([0, 1, -1, -1], 0.5),
-        ([-1, -1, -1, -1], 0.0),
+        ([-1, -1, -1, -1], None),
     ],
 )
-def test_agreement_is_of_the_sure_matches(named: list[int], share: float) -> None:
+def test_agreement_is_of_the_sure_matches(named: list[int], share: float | None) -> None:
     assert agreement(pairs(named), pairs([0, 1, 2, 3])) == share
 
 

@@ -83,7 +83,7 @@ def add(
     added = opened.add(
         drive, name=name, condition=condition, align=align, poses=poses, learn=not no_learn, progress=show_progress()
     )
-    if added.agreement is not None and added.how == "images" and align == "auto" and added.agreement > 0:
+    if added.agreement is not None and added.how == "images" and align == "auto":
         warn(
             f"the names of {added.name!r} agree with {added.agreement:.0%} of what its images show, so they were not "
             "believed; the images were"

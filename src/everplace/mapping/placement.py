@@ -91,10 +91,10 @@ def pairs_by_pose(poses: NDArray[np.float64], known: NDArray[np.float64]) -> Sur
 
 
 def agreement(named: SurePairs, seen: SurePairs) -> float | None:
-    """Share of the sure matches by images that names agree with, give or take a place; None without such matches."""
+    """Share of the sure matches by images that names agree with, give or take a place; None where there are none."""
     by_name = np.full(named.of, -(10**9), np.int64)
     by_name[named.frames] = named.places
-    if not len(seen.frames):
+    if not (len(seen.frames) and len(named.frames)):
         return None
     return float((np.abs(by_name[seen.frames] - seen.places) <= _NEAR).mean())
 
