@@ -21,7 +21,7 @@ from everplace.route.selection import Selection, parse_frames
 from everplace.scoring.retrieval import retrieve
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
-from studies import comparisons, folds, prior, sequences
+from studies import calibration, comparisons, folds, prior, sequences
 from studies.protocols import PROTOCOLS, Protocol
 from studies.tables import SCORES, spread
 
@@ -34,7 +34,13 @@ def main() -> None:
 
 
 def study() -> None:
-    others = {"sequences": sequences.main, "comparisons": comparisons.main, "folds": folds.main, "prior": prior.main}
+    others = {
+        "calibration": calibration.main,
+        "sequences": sequences.main,
+        "comparisons": comparisons.main,
+        "folds": folds.main,
+        "prior": prior.main,
+    }
     if sys.argv[1:] and sys.argv[1] in others:
         others[sys.argv[1]](sys.argv[2:])
         return
