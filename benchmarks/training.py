@@ -109,7 +109,7 @@ def _loop_steps(
     model: ConditionVAE, config: TrainConfig, split: SplitRoute, frames: TrainingFrames, scratch: Path
 ) -> list[float]:
     clock = _Clock()
-    keeper = RunKeeper(scratch, config, split, "", RunProgress(), save_every=math.inf)
+    keeper = RunKeeper(scratch, config, split, "", [], RunProgress(), save_every=math.inf)
     with deterministic_training() if DEVICE.type == "cuda" else contextlib.nullcontext():
         fabric = launch(1, 1)
         optimizer = make_optimizer(model.to(fabric.device), config)

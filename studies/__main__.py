@@ -21,7 +21,7 @@ from everplace.route.selection import Selection, parse_frames
 from everplace.scoring.retrieval import retrieve
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
-from studies import calibration, comparisons, folds, prior, sequences
+from studies import adaptation, calibration, comparisons, folds, living_map, prior, sequences, teaching
 from studies.protocols import PROTOCOLS, Protocol
 from studies.tables import SCORES, spread
 
@@ -40,6 +40,9 @@ def study() -> None:
         "comparisons": comparisons.main,
         "folds": folds.main,
         "prior": prior.main,
+        "adaptation": adaptation.main,
+        "living_map": living_map.main,
+        "teaching": teaching.main,
     }
     if sys.argv[1:] and sys.argv[1] in others:
         others[sys.argv[1]](sys.argv[2:])

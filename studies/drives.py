@@ -75,12 +75,14 @@ class Drive:
         options: Of `resample_drive`; None: the drive as recorded.
         stands: Whether the recorded frames in which the train stands are among them; else they are left out.
         hole: Share of the places, in the middle, that the map lacks.
+        blank: Whether one and the same frame stands in for all frames of some stretches of 5 to 40.
     """
 
     what: str
     options: dict[str, Any] | None = None
     stands: bool = False
     hole: float = 0.0
+    blank: bool = False
 
 
 AS_RECORDED = Drive("as recorded")
@@ -92,6 +94,7 @@ DRIVES = (
     Drive("and stretches in reverse", {"reverse": 0.02}),
     Drive("and 4 kidnappings", {"reverse": 0.02, "jumps": 4}),
     Drive("and a fifth off the map", {"reverse": 0.02, "jumps": 4}, hole=0.2),
+    Drive("at the map's pace, one image for 5 to 40 frames", {"speeds": (1.0, 1.0), "stop": 0.0}, blank=True),
 )
 
 
@@ -119,8 +122,20 @@ def similarities(
         if drive.options is not None:
             frames = frames[resample_drive(len(frames), seed, **drive.options)]
         shown = recorded.place[frames]
-        S = compare_descriptors(_rows(recorded.query, frames), _rows(database, mapped), Matching(how))
+        seen = one_image(frames, seed) if drive.blank else frames
+        S = compare_descriptors(_rows(recorded.query, seen), _rows(database, mapped), Matching(how))
         yield S, truth[np.ix_(shown, mapped)], shown
+
+
+def one_image(frames: NDArray[np.int64], seed: int) -> NDArray[np.int64]:
+    """The same frames, but for stretches of 5 to 40 that all show one frame of the drive; 20 to 60 lie between."""
+    rng = np.random.default_rng(seed)
+    seen, begin = frames.copy(), int(rng.integers(20, 61))
+    while begin < len(seen):
+        end = begin + int(rng.integers(5, 41))
+        seen[begin:end] = rng.choice(frames)
+        begin = end + int(rng.integers(20, 61))
+    return seen
 
 
 def _rows(descriptors: Descriptors, rows: NDArray[np.int64]) -> Descriptors:

@@ -22,9 +22,10 @@ from everplace.files import write_text
 from everplace.match.matching import Matching, compare_descriptors
 from everplace.route.route import open_route
 from everplace.scoring.scores import evaluate
-from everplace.sequences.frame_change import View, change_in_steps, new_frames
+from everplace.sequences.evidence import likelihood_ratios, standardised
+from everplace.sequences.frame_change import DriveEvidence, View, change_in_steps, new_frames
 from everplace.sequences.route_filter import Answer, RouteFilter, filter_windows
-from everplace.sequences.route_model import RouteModel, likelihood_ratios
+from everplace.sequences.route_model import RouteModel
 from everplace.sequences.route_path import best_path, smooth_route
 from everplace.sequences.sequence_search import search_sequences
 from studies.drives import DRIVES, TOLERANCE, Drive, Recorded, choose_drives, similarities
@@ -115,7 +116,8 @@ def _measure(
 
 def _changes(recorded: Recorded, database: Descriptors, how: Standardisation | None) -> dict[str, dict[str, float]]:
     """Quantiles of `change_in_steps` since the last frame in which the train moved, while it moves and stands."""
-    ratios = likelihood_ratios(compare_descriptors(recorded.query, database, Matching(how)), RouteModel())
+    scores = compare_descriptors(recorded.query, database, Matching(how))
+    ratios = likelihood_ratios(standardised(scores), RouteModel())
     views = [View.of(row) for row in ratios]
     moving = recorded.moving
     before = moving[np.searchsorted(moving, np.arange(1, len(views))) - 1]
@@ -150,7 +152,7 @@ def known_motion(S: NDArray[Any], shown: NDArray[np.int64], length: int) -> NDAr
         M×N: the sum of the filter's log-likelihood ratios over the window, every place of it once, each at the place
         from which the known motion leads to place j; beyond the ends of the map a frame says the least it can.
     """
-    evidence = np.log(likelihood_ratios(S, RouteModel()))
+    evidence = np.log(_said(S))
     out = np.zeros(S.shape)
     places = np.arange(S.shape[1])
     moves = np.flatnonzero(np.diff(shown, prepend=-1))
@@ -161,6 +163,12 @@ def known_motion(S: NDArray[Any], shown: NDArray[np.int64], length: int) -> NDAr
             inside = (origin >= 0) & (origin < len(places))
             out[row] += np.where(inside, evidence[frame, origin.clip(0, len(places) - 1)], evidence[frame].min())
     return out
+
+
+def _said(S: NDArray[Any]) -> NDArray[np.float64]:
+    """M×N: what each frame, or the one that it repeats, says of the places after those before it."""
+    drive = DriveEvidence(S, RouteModel())
+    return drive.after_others(0, len(drive.new)).repeat(drive.shown, axis=0)
 
 
 def filter_last(S: NDArray[Any], length: int) -> NDArray[np.float32]:

@@ -10,9 +10,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import IO, Any
 
-__all__ = ["ChildError", "output_of_child"]
+__all__ = ["ChildError", "file_limits", "output_of_child"]
+
+_SECONDS, _BYTES_A_SECOND = 20.0, 2**20
+_MEMORY, _TIMES_THE_FILE = 2**30, 16  # so much, and so many times the file for what is compressed
 
 _OUT_OF_MEMORY = 71
 _CALL = f"""
@@ -41,6 +45,16 @@ except MemoryError:
 
 class ChildError(Exception):
     """A child process crashed, failed or took too long; the message says which."""
+
+
+def file_limits(path: Path) -> tuple[float, int]:
+    """Returns the seconds and the bytes of memory that reading a file may take: 20 s and a second for each MiB.
+
+    Raises:
+        OSError: There is no such file.
+    """
+    size = path.stat().st_size
+    return _SECONDS + size / _BYTES_A_SECOND, _MEMORY + _TIMES_THE_FILE * size
 
 
 @contextlib.contextmanager

@@ -14,7 +14,7 @@ __all__ = [
     "Standardisation",
 ]
 
-Standardisation: TypeAlias = Literal["centre", "full"]
+Standardisation: TypeAlias = Literal["centre", "full", "running"]
 """See `everplace.match.standardise`."""
 
 SequenceMethod: TypeAlias = Literal["filter", "seqslam", "mean"]

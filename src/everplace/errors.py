@@ -9,11 +9,13 @@ the class's status.
     │   │   ├── SettingError        a setting by its name, which a command knows as an option
     │   │   └── OtherRunError       a run directory holds another run than the one to continue
     │   ├── RouteError              the structure of a route: folders, stems, conditions, poses
+    │   │   └── NotAlignedError     nothing says which frames of two traverses show the same place
     │   ├── ImageError              one image file that cannot be decoded
     │   ├── DescriptorsError        a descriptor file or array
     │   ├── CheckpointError         a run directory or a checkpoint
     │   └── MethodError             a method that does not exist or cannot run here
     │       └── MissingExtraError   an optional dependency is not installed
+    ├── StoppedError                Ctrl-C, where there is more to say than that, exit status 130
     └── MachineError                the machine failed, exit status 1
         ├── StorageError            disk full, no permission, quota
         ├── DownloadError           no network, or a server that does not give the file
@@ -35,9 +37,11 @@ __all__ = [
     "MapError",
     "MethodError",
     "MissingExtraError",
+    "NotAlignedError",
     "OtherRunError",
     "RouteError",
     "SettingError",
+    "StoppedError",
     "StorageError",
 ]
 
@@ -92,6 +96,10 @@ class RouteError(InputError):
     """A route's folders, stems, conditions or poses are not what the task needs."""
 
 
+class NotAlignedError(RouteError):
+    """Nothing says which frames of two traverses show the same place."""
+
+
 class ImageError(InputError):
     """One image file cannot be decoded."""
 
@@ -117,6 +125,12 @@ class MissingExtraError(MethodError):
 
     def __init__(self, what: str, extra: str) -> None:
         super().__init__(f"{what} needs an optional dependency: pip install 'everplace[{extra}]'")
+
+
+class StoppedError(EverplaceError):
+    """Ctrl-C stopped the work; the message says what stands."""
+
+    exit_status = 130
 
 
 class MachineError(EverplaceError):

@@ -52,6 +52,14 @@ def readable(path: str | os.PathLike[str]) -> str:
     return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
 
 
+def shortened(text: str, most: int = 80) -> str:
+    """Returns a text of a file for a message, cut in its middle where it is longer than `most` characters."""
+    if len(text) <= most:
+        return text
+    half = (most - 5) // 2
+    return f"{text[:half]} ... {text[-half:]}"
+
+
 def cache_directory(name: str) -> Path:
     """Returns where one sort of things is kept for the next time: in $EVERPLACE_CACHE, or else the user's cache."""
     from platformdirs import user_cache_path

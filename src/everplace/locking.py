@@ -19,7 +19,7 @@ _WITHOUT_LOCKS = frozenset({errno.ENOLCK, errno.EOPNOTSUPP})
 
 
 @contextlib.contextmanager
-def locked(directory: Path, what: str = "--out ") -> Iterator[None]:
+def locked(directory: Path, what: str = "`out` ") -> Iterator[None]:
     """Keeps other processes from writing into a directory, which is made if missing.
 
     The lock is the file `.lock` in it, which is removed at the end. The system lets go of it when the process ends,

@@ -21,6 +21,7 @@ from torch import Tensor
 
 from everplace.errors import CheckpointError
 from everplace.files import readable, write_bytes, write_json
+from everplace.git_lfs import POINTER_BYTES, is_pointer, pointer_sentence
 from everplace.regular_files import read_regular
 
 __all__ = ["has_tensors", "load_tensors", "save_tensors"]
@@ -116,6 +117,8 @@ def _read_tensors(path: Path, entry: Any) -> dict[str, Tensor]:
         raise CheckpointError(
             f"{readable(path.parent / file)} cannot be read ({error.strerror}); restore it or train again"
         ) from None
+    if is_pointer(data[:POINTER_BYTES]):
+        raise CheckpointError(pointer_sentence(readable(path.parent / file)))
     if hashlib.sha256(data).hexdigest() != digest:
         raise CheckpointError(
             f"{readable(path.parent / file)} is not the file that {path.name} describes: it was altered or "

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from everplace.adaptation.discriminant import PlaceScatter
+from everplace.adaptation import discriminant
+from everplace.adaptation.discriminant import PlaceScatter, add_ridge, leading_directions
 
 
 def scatter_of(features: NDArray[np.float32], block: int = 1000) -> PlaceScatter:
@@ -74,3 +75,34 @@ def test_places_that_all_look_alike_give_numbers() -> None:
     projection = scatter_of(np.zeros((2, 5, 6), np.float32)).discriminant(3, 1.0)
     assert np.isfinite(projection.weight).all()
     assert np.isfinite(projection.bias).all()
+
+
+def known_problem(features: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """B, W and the vectors of B v = λ W v with Vᵀ W V = 1, the strongest first: λ = F, F - 1, ..., 1."""
+    rng = np.random.default_rng(1)
+    mixing = rng.normal(size=(features, features)) + 3 * np.eye(features)
+    vectors = np.asarray(np.linalg.inv(mixing).T, np.float64)
+    values = np.arange(features, 0, -1.0)
+    return (mixing.T * values) @ mixing, mixing.T @ mixing, vectors
+
+
+@pytest.mark.parametrize("iterated", [False, True])
+def test_leading_directions_of_a_known_problem(monkeypatch: pytest.MonkeyPatch, iterated: bool) -> None:
+    between, within, vectors = known_problem(60)
+    monkeypatch.setattr(discriminant, "_WHOLE", 10 if iterated else 100)
+    found = leading_directions(between, within.copy(), 7)
+    assert found.shape == (7, 60)
+    signs = np.sign(np.einsum("df,df->d", found, vectors[:7]))
+    np.testing.assert_allclose(found * signs[:, None], vectors[:7], atol=1e-5)
+    np.testing.assert_allclose(found @ within @ found.T, np.eye(7), atol=1e-8)
+
+
+def test_both_ways_to_the_leading_directions_agree_and_repeat(monkeypatch: pytest.MonkeyPatch) -> None:
+    scatter = scatter_of(np.random.default_rng(3).normal(size=(2, 90, 50)).astype(np.float32))
+    between, within = scatter.between(), scatter.within()
+    add_ridge(within, 1.0)
+    whole = leading_directions(between, within.copy(), 6)
+    monkeypatch.setattr(discriminant, "_WHOLE", 10)
+    iterated = leading_directions(between, within.copy(), 6)
+    np.testing.assert_allclose(np.abs(iterated), np.abs(whole), atol=1e-4 * np.abs(whole).max())
+    np.testing.assert_array_equal(leading_directions(between, within.copy(), 6), iterated)

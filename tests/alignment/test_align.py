@@ -178,7 +178,7 @@ def test_what_cannot_be_aligned(drives: Path, tmp_path: Path) -> None:
     bare = replace(route, traverses=tuple(replace(traverse, poses=None) for traverse in route.traverses))
     with pytest.raises(RouteError, match="'autumn' has no poses; put a poses.csv"):
         align_by_poses(bare)
-    with pytest.raises(RouteError, match="share no place by poses within 1e-09 m; give a larger --radius"):
+    with pytest.raises(RouteError, match="share no place by poses within 1e-09 m; give a larger `radius`"):
         align_by_poses(route, radius=1e-9)
     with pytest.raises(RouteError, match="has one traverse only"):
         align_by_poses(route.only(["summer"]))
@@ -188,7 +188,7 @@ def test_what_cannot_be_aligned(drives: Path, tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         for number in range(3):
             Image.new("L", (64, 32), 9).save(tmp_path / name / f"{number}.png")
-    with pytest.raises(RouteError, match="share no place by the images' hog descriptors; align --by poses"):
+    with pytest.raises(RouteError, match="share no place by the images' hog descriptors; align `by=poses`"):
         align_by_images(open_route(tmp_path), open_describer("hog"))
 
 
@@ -231,7 +231,7 @@ def test_words_cannot_be_aligned_by(drives: Path) -> None:
     class Words:
         method, metric, dimension = "fabmap", "place-posterior", 3
 
-    route, message = open_route(drives), "--method fabmap gives words, which cannot be centred; choose hog"
+    route, message = open_route(drives), "`method` fabmap gives words, which cannot be centred; choose hog"
     with pytest.raises(ConfigError, match=message):
         align_by_images(route, Words())  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match=message):

@@ -235,7 +235,7 @@ def test_a_few_places_are_enough(places: int) -> None:
 @pytest.mark.parametrize(("traverses", "places"), [(1, 10), (2, 3), (0, 0)])
 def test_too_few_traverses_or_places_are_one_clear_error(traverses: int, places: int) -> None:
     frames = [np.zeros((places, 32, 32, 1), dtype=np.uint8) for _ in range(traverses)]
-    with pytest.raises(RouteError, match="needs two traverses of at least four shared places; widen --frames"):
+    with pytest.raises(RouteError, match="needs two traverses of at least four shared places; widen `frames`"):
         audited(network(), frames, tolerance=0)
 
 

@@ -24,9 +24,9 @@ import pytest
 from everplace.cli import main
 
 COMMANDS = [
-    "demo", "train", "describe", "match", "evaluate", "compare", "show swap", "show constant", "show translate",
-    "show matrix", "show matches", "export", "data render", "data inspect", "data pack", "data align", "data fetch",
-    "data import", "data list",
+    "demo", "train", "adapt", "methods", "describe", "match", "evaluate", "compare", "show swap", "show constant",
+    "show translate", "show matrix", "show matches", "export", "data render", "data inspect", "data pack",
+    "data align", "data fetch", "data import", "data list",
 ]  # fmt: skip
 
 SAD = ["--method", "sad", "--query", "summer", "--database", "winter"]

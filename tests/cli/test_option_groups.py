@@ -47,7 +47,7 @@ def test_what_a_command_cannot_do_without_is_asked_for() -> None:
 def test_places_are_chosen_by_position() -> None:
     assert SelectionOptions(frames="2:5").selection().frames == slice(2, 5)
     assert SelectionOptions().selection().frames is None
-    with pytest.raises(ConfigError, match="--frames"):
+    with pytest.raises(ConfigError, match="`frames`"):
         SelectionOptions(frames="2-5").selection()
 
 

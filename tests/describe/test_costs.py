@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -96,10 +98,63 @@ def test_time_is_that_of_one_image_without_decoding(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(costs, "decode_images", decode_slowly)
     describer = Slow()
-    assert 4 <= time_describer(describer, [Path(str(i)) for i in range(20)], frames=5) < 200
+    assert 4 <= time_describer(describer, [Path(str(i)) for i in range(20)], frames=5).ms < 200
     assert describer.batches == [1] * 6  # one to warm up
 
 
 def test_without_images_there_is_nothing_to_time() -> None:
     with pytest.raises(RouteError, match="no images to time"):
         time_describer(SAD(), [])
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "busy"),
+    [
+        ("cpu  100 0 100 800 0 0 0 0 0 0", "cpu  110 0 110 880 0 0 0 0 0 0", False),  # 20 of 100
+        ("cpu  100 0 100 800 0 0 0 0 0 0", "cpu  150 0 110 840 0 0 0 0 0 0", True),  # 60 of 100
+        ("cpu  100 0 100 800 0 0 0 0 0 0", "cpu  100 40 100 860 0 0 0 0 0 0", True),  # of low priority
+        ("cpu  100 0 100 800 0 0 0 0 0 0", "cpu  100 0 100 800 90 0 0 10 0 0", False),  # waiting for a disk
+        ("cpu  100 0 100 800 0 0 0 0 0 0", "cpu  100 0 100 870 0 0 0 30 0 0", True),  # other virtual machines
+    ],
+)
+def test_other_work_on_the_machine_is_told(
+    tiny_route: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: str, after: str, busy: bool
+) -> None:
+    """What the kernel says before the watch and after it, both times."""
+    told = tmp_path / "stat"
+    told.write_text(before)
+    watches = iter([after, after])
+
+    def wait(seconds: float) -> None:
+        told.write_text(next(watches))
+
+    def read_again(describer: SAD, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+        told.write_text(before)
+        return describe(describer, images)
+
+    describe = SAD.describe_batch
+    monkeypatch.setattr(costs, "_PROCESSOR_TIMES", told)
+    monkeypatch.setattr(time, "sleep", wait)
+    monkeypatch.setattr(SAD, "describe_batch", read_again)
+    assert time_describer(SAD(), open_route(tiny_route)["summer"].paths, frames=3).beside_other_work is busy
+
+
+def test_where_no_system_tells_nothing_is_said(
+    tiny_route: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(costs, "_PROCESSOR_TIMES", tmp_path / "absent")
+    assert not time_describer(SAD(), open_route(tiny_route)["summer"].paths, frames=3).beside_other_work
+
+
+@pytest.mark.skipif(not Path("/proc/stat").exists(), reason="only Linux tells how busy the machine is")
+def test_a_process_that_computes_beside_is_noticed(tiny_route: Path) -> None:
+    others = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(max(1, (os.cpu_count() or 1) // 2))
+    ]
+    try:
+        time.sleep(0.3)
+        assert time_describer(SAD(), open_route(tiny_route)["summer"].paths, frames=3).beside_other_work
+    finally:
+        for other in others:
+            other.kill()
+            other.wait()

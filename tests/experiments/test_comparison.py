@@ -96,12 +96,12 @@ def test_a_misspelt_method_is_an_error(tiny_route: Path, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("fit", "test", "says"),
     [
-        ("", "6:", "--fit-frames"),
+        ("", "6:", "`fit_frames`"),
         ("0:8", "6:", "share 2 places"),
-        ("30:40", "6:", "--fit-frames 30:40 holds no place, as .*tiny has only 12; begin lower"),
-        ("4-9", "6:", "--fit-frames '4-9' is not A:B"),
-        ("4:2", "6:", "--fit-frames '4:2' holds no place"),
-        ("9" * 5000 + ":", "6:", "--fit-frames holds a number"),
+        ("30:40", "6:", "`fit_frames` 30:40 holds no place, as .*tiny has only 12; begin lower"),
+        ("4-9", "6:", "`fit_frames` '4-9' is not A:B"),
+        ("4:2", "6:", "`fit_frames` '4:2' holds no place"),
+        ("9" * 5000 + ":", "6:", "`fit_frames` holds a number"),
     ],
 )
 def test_a_model_is_not_fitted_on_tested_places(tiny_route: Path, fit: str, test: str, says: str) -> None:
@@ -139,8 +139,8 @@ def test_the_words_of_fabmap_have_new_places_and_are_not_centred(tiny_route: Pat
     centred = compare_methods(study, methods, tmp_path / "centred")
     assert set(centred.describers) == {"hog"}
     assert centred.left_out["x"] == "absent"
-    assert "--standardise centre does not apply to the words of fabmap" in centred.left_out["words"]
-    with pytest.raises(ConfigError, match="--standardise centre does not apply"):
+    assert "`standardise` centre does not apply to the words of fabmap" in centred.left_out["words"]
+    with pytest.raises(ConfigError, match="`standardise` centre does not apply"):
         compare_methods(study, Methods({"words": describers["words"]}), tmp_path / "words-alone")
 
 
@@ -177,6 +177,6 @@ def test_the_fitted_baselines_stand_beside_the_others(tiny_route: Path, tmp_path
     centred = compare_methods(study, unmeasured, tmp_path / "centred")
     assert set(centred.describers) == {"cae", "hog"}
     assert centred.left_out["x"] == "absent"
-    assert "--standardise centre does not apply to the words of fabmap" in centred.left_out["words"]
-    with pytest.raises(ConfigError, match="--standardise centre does not apply"):
+    assert "`standardise` centre does not apply to the words of fabmap" in centred.left_out["words"]
+    with pytest.raises(ConfigError, match="`standardise` centre does not apply"):
         compare_methods(study, Methods({"words": ready.describers["words"]}), tmp_path / "words-alone")

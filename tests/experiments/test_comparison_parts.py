@@ -18,14 +18,18 @@ from everplace.audit.leakage import Audit, Probe
 from everplace.describe.registry import open_describer
 from everplace.experiments.comparison_parts import MethodResult, PairResult, Part, keep_pictures
 from everplace.route.route import open_route
+from everplace.scoring.precision_table import precision_table
 from everplace.scoring.scores import evaluate, precision_recall
 
 
 def result(audit: Audit | None = None) -> MethodResult:
     S = np.array([[0.1, 0.30000001192, -np.inf], [0.5, 0.2, 0.2]], np.float32)
     truth = np.array([[False, True, False], [False, False, True]])
-    pair = PairResult(evaluate(S, truth), precision_recall(S, truth), {"mean_probability": 0.1, "above_half": 1})
-    return MethodResult({("a", "b"): pair}, 3, 1 / 3, 123.4, "", audit)
+    told = {"mean_probability": 0.1, "above_half": 1}
+    pair = PairResult(
+        evaluate(S, truth), precision_recall(S, truth), precision_table(S, truth), evaluate(-S, truth), told
+    )
+    return MethodResult({("a", "b"): pair}, 3, 1 / 3, True, 123.4, "", audit)
 
 
 def test_a_kept_result_is_the_same_to_the_last_bit(tmp_path: Path) -> None:
@@ -34,9 +38,11 @@ def test_a_kept_result_is_the_same_to_the_last_bit(tmp_path: Path) -> None:
     part.save(result())
     back = part.load()
     assert back is not None
-    assert (back.costs(), back.audit) == (result().costs(), None)
+    assert (back.costs(), back.beside_other_work, back.audit) == (result().costs(), True, None)
     there, here = back.pairs["a", "b"], result().pairs["a", "b"]
     assert (there.scores, there.new_place) == (here.scores, here.new_place)
+    assert there.precision_table == here.precision_table
+    assert there.frame_by_frame == here.frame_by_frame != here.scores
     for name in ("recall", "precision", "threshold"):
         np.testing.assert_array_equal(getattr(there.curve, name), getattr(here.curve, name), strict=True)
 
@@ -111,7 +117,9 @@ def test_a_comparison_killed_at_any_moment_continues(tiny_route: Path, tmp_path:
     for one, other in zip(metrics["pairs"], whole["pairs"], strict=True):
         for method in ("sad", "hog"):
             for values in (one["methods"][method], other["methods"][method]):
-                assert all(values.pop(name) > 0 for name in MEASURED)
+                measured = {name: values.pop(name) for name in MEASURED}
+                assert measured["ms_per_image"] > 0
+                assert measured["peak_memory_mb"] > 0
     assert metrics == whole
 
 

@@ -105,3 +105,37 @@ def test_pictures_of_a_model_that_is_no_longer_compared_are_removed(tiny_route: 
     (out / "run-mine.png").write_bytes(b"")
     written(tiny_route, out, sad="sad")
     assert [path.name for path in out.glob("run-*")] == ["run-mine.png"]
+
+
+@pytest.mark.parametrize(
+    ("matching", "symmetric"),
+    [
+        (Matching(), "sad, hog"),
+        (Matching("centre"), "sad, hog"),
+        (Matching(sequence=3), ""),
+        (Matching(sequence=3, sequence_method="seqslam"), ""),
+    ],
+)
+def test_tables_say_why_a_score_is_the_same_in_both_directions(
+    tiny_route: Path, tmp_path: Path, matching: Matching, symmetric: str
+) -> None:
+    study = open_study(open_route(tiny_route), MatchRule(), matching)
+    comparison = compare_methods(study, Methods({name: open_describer(name) for name in ("sad", "hog")}), tmp_path)
+    write_comparison(comparison, tmp_path, title="c", details={})
+    for text in ((tmp_path / "table.md").read_text("utf-8"), visible(tmp_path)):
+        assert ("is the same in both directions" in text) is bool(symmetric)
+        assert f"AP of {symmetric} is the same in both directions of a pair" in text or not symmetric
+
+
+def test_thresholds_stand_with_every_pair(finished: Path) -> None:
+    out = finished / "c"
+    pairs = json.loads((out / "metrics.json").read_text())["pairs"]
+    tables = [one["precision_table"] for pair in pairs for one in pair["methods"].values()]
+    assert len(tables) == 4
+    for table in tables:
+        assert list(table) == ["90", "95", "99", "100"]
+        assert set(table["99"]) == {"threshold", "recall", "recall_interval", "accepted", "wrong"}
+    said = [one["good_enough_for"] for pair in pairs for one in pair["methods"].values()]
+    written_here = (out / "table.md").read_text("utf-8")
+    assert sum(f": {sentence}" in written_here for sentence in said) >= 2
+    assert visible(out).count("is accepted. The interval of the recall") == 4  # a caption of each pair, and its label

@@ -9,14 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from markupsafe import escape
+from numpy.typing import NDArray
 from PIL import Image
 
-from everplace.experiments.evaluation import Evaluation, evaluate_retrieval, write_evaluation
+from everplace.experiments.evaluation import Evaluation, evaluate_retrieval
+from everplace.experiments.evaluation_report import write_evaluation
 from everplace.experiments.manifest import DEFINITIONS
 from everplace.model.checkpoint import save_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.model_config import ModelConfig
 from everplace.route.route import open_route
+from everplace.scoring.precision_table import good_enough_for, precision_table
 from everplace.scoring.retrieval import MatchRule, retrieve
 from everplace.training.config import TrainConfig, write_config
 
@@ -119,3 +122,26 @@ def test_traverse_and_condition_are_both_told(route: Path, tmp_path: Path) -> No
     metrics = evaluate_retrieval(retrieve(open_route(copy), "sun", "night", "sad", tolerance=1), "sad").metrics()
     assert (metrics["query_traverse"], metrics["database_traverse"]) == ("day", "night")
     assert (metrics["query_condition"], metrics["database_condition"]) == ("sun", "dark")
+
+
+@pytest.mark.parametrize("method", ["hog", "sad"])
+def test_thresholds_are_told_by_the_metrics_and_the_report(tiny_route: Path, tmp_path: Path, method: str) -> None:
+    evaluation = evaluate_retrieval(retrieve(open_route(tiny_route), "winter", "summer", method), method)
+    write_evaluation(evaluation, tmp_path / "out", details={})
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
+    table = precision_table(evaluation.result.similarity, truth_of(evaluation))
+    assert list(metrics["precision_table"]) == ["90", "95", "99", "100"]
+    for name, row in metrics["precision_table"].items():
+        assert (row["threshold"], row["recall"]) == (table[name].threshold, table[name].recall)
+        assert row["recall_interval"] == list(table[name].recall_interval)
+    assert metrics["good_enough_for"] == good_enough_for(table)
+    assert "12 accepted matches are too few to tell" in metrics["good_enough_for"]
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert f"<p>{method}: {escape(good_enough_for(table))}</p>" in page
+    assert '<th scope="row">99 %</th>' in page
+
+
+def truth_of(evaluation: Evaluation) -> NDArray[np.bool_]:
+    truth = evaluation.result.truth
+    assert truth is not None
+    return truth

@@ -11,7 +11,8 @@ from PIL import Image
 from tests.experiments.comparing import MEASURED, OPTIONS, compare, refused
 
 from everplace.experiments.comparison import COSTS, SCORES
-from everplace.experiments.evaluation import evaluate_retrieval, write_evaluation
+from everplace.experiments.evaluation import evaluate_retrieval
+from everplace.experiments.evaluation_report import write_evaluation
 from everplace.experiments.manifest import DEFINITIONS, open_study
 from everplace.match.matching import Matching
 from everplace.route.route import open_route

@@ -74,3 +74,29 @@ def test_where_nothing_tells_the_nearest_it_is_the_middle_one(tiny_route: Path) 
     )
     (tiny_route / "route.toml").write_text('truth = "truth.csv"\n')
     assert set(shown_as_true(every_frame(tiny_route, MatchRule())).values()) == {"4"}
+
+
+@pytest.mark.parametrize("count", [3, 8, 40])
+def test_without_a_truth_the_best_matches_are_shown_with_their_scores(tiny_route: Path, count: int) -> None:
+    (tiny_route / "route.toml").write_text("aligned = false\n")
+    result = every_frame(tiny_route, MatchRule())
+    texts = [text.get_text() for text in match_figure(result, "SAD", count=count).axes[0].texts]
+    assert "what is right is not known; number: negative mean absolute difference" in texts
+    best = result.similarity.argmax(axis=1)
+    chosen = [index for index in range(12) if f"winter/{result.query.stems[index]}" in texts]
+    assert (chosen[0], chosen[-1], len(chosen)) == (0, 11, min(count, 12))
+    for index in chosen:
+        assert f"summer/{result.database.stems[best[index]]}" in texts
+        assert f"{result.similarity[index, best[index]]:.3f}" in texts
+
+
+def test_without_a_truth_the_matrix_marks_the_best_matches_alone(tiny_route: Path) -> None:
+    (tiny_route / "route.toml").write_text("aligned = false\n")
+    result = every_frame(tiny_route, MatchRule())
+    axes = matrix_figure(result, "SAD").axes[0]
+    legend = axes.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["best match"]
+    (marks,) = axes.lines
+    assert marks.get_xdata().tolist() == result.similarity.argmax(axis=1).tolist()  # type: ignore[union-attr]
+    assert "what is right is not known" in {text.get_text() for text in axes.texts}

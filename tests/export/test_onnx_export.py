@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import pytest
 import torch
 
@@ -18,8 +19,8 @@ from everplace.cli import main
 from everplace.describe.describer import Describer
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MachineError, MissingExtraError
-from everplace.experiments.evaluation import seen_places
 from everplace.experiments.recipe_names import named_recipe
+from everplace.experiments.trust import seen_places
 from everplace.export import onnx_export as export
 from everplace.export.onnx_export import export_onnx
 from everplace.model.checkpoint import save_checkpoint
@@ -125,6 +126,10 @@ def test_a_run_of_oriented_gradients_is_exported(tmp_path: Path, tiny_route: Pat
     assert ours.shape == (12, 96)
     assert ours.std(axis=0).max() > 0.1
     assert np.abs(ours - theirs).max() <= 1e-4
+    graph = onnx.load(tmp_path / "net.onnx").graph
+    # That of the votes is the only convolution, and no weight of those for z_c went along.
+    assert [node.op_type for node in graph.node].count("Conv") == 1
+    assert not any("convolutions" in weight.name for weight in graph.initializer)
 
 
 @pytest.mark.slow
@@ -153,7 +158,7 @@ def test_the_network_says_how_its_run_was_trained(
 def test_a_toml_of_another_kind_is_not_replaced(tmp_path: Path) -> None:
     run = saved_run(tmp_path / "run")
     before = (run / "config.toml").read_text()
-    with pytest.raises(ConfigError, match=r"--onnx would replace .*config\.toml, which is of another kind"):
+    with pytest.raises(ConfigError, match=r"TOML would replace .*config\.toml, which is of another kind"):
         export_onnx(run, run / "config.onnx")
     assert (run / "config.toml").read_text() == before
     assert not (run / "config.onnx").exists()

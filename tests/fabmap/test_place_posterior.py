@@ -112,5 +112,5 @@ def test_runs_are_not_mixed() -> None:
 
 
 def test_words_cannot_be_standardised() -> None:
-    with pytest.raises(ConfigError, match="--standardise does not apply to the words of fabmap"):
+    with pytest.raises(ConfigError, match="`standardise` does not apply to the words of fabmap"):
         standardise(frames(3, 0), "centre")

@@ -133,7 +133,7 @@ def test_a_listing_that_is_none(server: FileServer, hub: Hub, tmp_path: Path, li
 
 
 def test_too_little_space_is_said_before_anything_is_fetched(server: FileServer, tmp_path: Path) -> None:
-    with pytest.raises(StorageError, match=r"needs 1000000\.0 GB more, but only .* choose another place with --out"):
+    with pytest.raises(StorageError, match=r"needs 1000000\.0 GB more, but only .* choose another place with `out`"):
         fetch_data_set(data_set(server, size=10**15), tmp_path / "not" / "there")
     assert server.requests == []
     assert not (tmp_path / "not").exists()

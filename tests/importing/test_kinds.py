@@ -60,8 +60,8 @@ def test_texts_become_values() -> None:
     ("given", "message"),
     [
         ({"speed": "1"}, "kind 'k' has no option 'speed'; it knows rate, topics, size, mode, flag, files"),
-        ({"rate": "fast"}, "--set rate=fast cannot be: .*number"),
-        ({"mode": "c"}, "--set mode=c cannot be: .*'a' or 'b'"),
+        ({"rate": "fast"}, "`rate`=fast cannot be: .*number"),
+        ({"mode": "c"}, "`mode`=c cannot be: .*'a' or 'b'"),
     ],
 )
 def test_wrong_options_are_named(given: dict[str, str], message: str) -> None:

@@ -68,11 +68,11 @@ def test_all_files_or_some_or_each_by_itself(parts: Path) -> None:
     assert names(found) == {stem: [f"{stem}.avi"] for stem in ("GX010012", "GX010013", "GX020012")}
     assert notes == [
         f"GX010012.avi and GX020012.avi in {parts} look like parts of one drive, but each became a drive of its own; "
-        "if they are, put the parts of each drive into a directory of its own and import with --set join=true."
+        "if they are, put the parts of each drive into a directory of its own and import with `join=true`."
     ]
     (parts / "GX010013.avi").unlink()
     (note,) = find_recordings(parts, [], listed)[1]
-    assert note.endswith("; if they are, import with --set join=true.")
+    assert note.endswith("; if they are, import with `join=true`.")
 
 
 def test_each_directory_is_a_drive(parts: Path) -> None:
@@ -89,7 +89,7 @@ def test_a_part_that_is_given_by_itself(parts: Path) -> None:
     assert names(found) == {"GX020012": ["GX020012.avi"]}
     assert notes == [
         f"{parts / 'GX020012.avi'} looks like one of 2 parts of a drive, and the others were not read; if it is, give "
-        "the directory and --set join=GX010012.avi,GX020012.avi."
+        "the directory and `join=GX010012.avi,GX020012.avi`."
     ]
     assert find_recordings(parts / "GX010013.avi", ["true"], listed)[1] == []
 
@@ -97,8 +97,8 @@ def test_a_part_that_is_given_by_itself(parts: Path) -> None:
 @pytest.mark.parametrize(
     ("join", "message"),
     [
-        ("a.mkv,b.mkv", "--set join names 'a.mkv', which is no recording in .*videos; there are: none"),
-        ("a.mkv,a.mkv", "--set join names a file twice"),
+        ("a.mkv,b.mkv", "`join` names 'a.mkv', which is no recording in .*videos; there are: none"),
+        ("a.mkv,a.mkv", "`join` names a file twice"),
     ],
 )
 def test_files_that_cannot_be_joined(tmp_path: Path, join: str, message: str) -> None:

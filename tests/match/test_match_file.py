@@ -73,7 +73,7 @@ def test_a_name_that_the_format_cannot_hold_is_refused(tmp_path: Path, format: A
 
 def test_misuse_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "matches.csv"
-    with pytest.raises(ConfigError, match="--format xml is not known; choose csv, hloc-pairs, kapture"):
+    with pytest.raises(ConfigError, match="`format` 'xml' is not known; choose csv, hloc-pairs, kapture"):
         write_matches(path, QUERY, DATABASE, INDICES, SCORES, format="xml", kind="cosine")  # type: ignore[arg-type]
     with pytest.raises(DescriptorsError, match=r"\(2, 2\).*\(1, 2\)"):
         write_matches(path, QUERY, DATABASE, INDICES, SCORES[:1], kind="cosine")

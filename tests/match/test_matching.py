@@ -106,7 +106,7 @@ def test_a_drive_elsewhere_is_lost_and_improbable() -> None:
 def test_scores_that_are_no_probabilities_have_no_least_one_and_other_drives_no_neighbours() -> None:
     d = drive(9, 4)
     for matching in (Matching(), Matching(sequence=3, sequence_method="mean")):
-        with pytest.raises(ConfigError, match=r"--min-probability does not apply: the scores \(cosine\)"):
+        with pytest.raises(ConfigError, match=r"`min_probability` does not apply: the scores \(cosine\)"):
             find_matches(d, d, 1, matching).accepted(0.5)
     with pytest.raises(ConfigError, match="one and the same drive"):
         find_matches(d, replace(d, names=tuple("abcdefghi")), 1, Matching(), exclude=3)

@@ -52,5 +52,22 @@ def test_blocks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_another_word_is_refused() -> None:
-    with pytest.raises(ConfigError, match="--standardise center is not known; choose centre or full"):
+    with pytest.raises(ConfigError, match="the standardisation 'center' is not known; choose centre, full or running"):
         standardise(descriptors(np.ones((2, 2))), "center")  # type: ignore[arg-type]
+
+
+def test_running_subtracts_the_mean_so_far_which_starts_as_the_maps() -> None:
+    rng = np.random.default_rng(3)
+    values, start = rng.normal(size=(1500, 4)).astype(np.float32), rng.normal(size=4)
+    drive = Descriptors(values, tuple(map(str, range(1500))), "m")
+    found = standardise(drive, "running", start=start).values
+    for row in (0, 1, 700, 1023, 1024, 1499):
+        seen = values[: row + 1].astype(float)
+        wanted = values[row] - (10 * start + seen.sum(axis=0)) / (10 + row + 1)
+        np.testing.assert_allclose(found[row], wanted, atol=1e-6)
+
+
+def test_running_centres_a_map_as_a_whole() -> None:
+    values = np.random.default_rng(4).normal(1.0, 1.0, (50, 4)).astype(np.float32)
+    map_ = Descriptors(values, tuple(map(str, range(50))), "m")
+    np.testing.assert_array_equal(standardise(map_, "running").values, standardise(map_, "centre").values)

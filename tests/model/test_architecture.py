@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 import torch
 from torch import Tensor, nn
@@ -209,15 +211,60 @@ def test_place_head_sees_only_z_p_and_condition_head_only_z_c() -> None:
     assert torch.all(from_image != 0)
 
 
-def test_descriptor_is_the_mean_of_z_p_and_all_of_z_for_the_plain_vae() -> None:
-    images, _ = small_batch()
-    for kind, size in (("vae", 128), ("c-vae", 96), ("cp-vae", 96)):
-        model = small_model(kind).eval()  # type: ignore[arg-type]
-        with torch.no_grad():
-            descriptor = model.descriptor(images)
-            mean = model.encoder(images).mean
-        assert descriptor.shape == (4, size)
-        assert torch.equal(descriptor, mean[:, :size])
+MODELS: dict[str, dict[str, Any]] = {
+    "vae": {"kind": "vae", "conditions": ()},
+    "cae": {"kind": "cae", "conditions": ()},
+    "c-vae": {"kind": "c-vae"},
+    "cp-vae": {"kind": "cp-vae", "places": 5},
+    "a place head of positions": {"kind": "cp-vae", "places": 5, "place_term": "position"},
+    "best": {"kind": "cp-vae", "places": 5, "fully_connected": False, "oriented_gradients": True},
+}
+
+
+def trained_a_little(name: str) -> ConditionVAE:
+    """A model whose running statistics are not the initial ones."""
+    common = {"height": 32, "width": 64, "channels": 1, "conditions": CONDITIONS}
+    with torch.random.fork_rng():
+        torch.manual_seed(4)
+        model = ConditionVAE(ModelConfig.model_validate(common | MODELS[name]))
+        for _ in range(3):
+            model.encoder(torch.rand(8, 1, 32, 64))
+    return model.eval()
+
+
+def layers_that_work(model: ConditionVAE, images: Tensor) -> set[str]:
+    """The parts of the encoder that take part in a descriptor."""
+    worked: set[str] = set()
+    for name, part in model.encoder.named_children():
+        for layer in part if isinstance(part, nn.ModuleList) else [part]:
+            layer.register_forward_hook(lambda *_, name=name: worked.add(name))
+    model.descriptor(images)
+    return worked
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("frames", [1, 9])
+def test_the_descriptor_is_the_encoders_mean_to_the_bit(name: str, frames: int) -> None:
+    model, images = trained_a_little(name), torch.rand(frames, 1, 32, 64, generator=torch.Generator().manual_seed(1))
+    with torch.no_grad():
+        descriptor, mean = model.descriptor(images), model.encoder(images).mean
+    size = 128 if name in ("vae", "cae") else 96
+    assert descriptor.shape == (frames, size)
+    assert descriptor.std(0 if frames > 1 else 1).max() > 0.01
+    assert torch.equal(descriptor, mean[:, :size])
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_describing_computes_nothing_that_only_the_variance_or_z_c_needs(name: str) -> None:
+    read_off = {"convolutions", "fully_connected", "z_mean"}
+    needed = {"gradients", "place_projection"} if name == "best" else read_off
+    assert layers_that_work(trained_a_little(name), torch.rand(2, 1, 32, 64)) == needed
+
+
+def test_descriptors_are_float32_under_autocast() -> None:
+    for name in MODELS:
+        with torch.autocast("cpu", dtype=torch.bfloat16):
+            assert trained_a_little(name).descriptor(torch.rand(2, 1, 32, 64)).dtype == torch.float32
 
 
 def test_sample_is_the_mean_when_the_noise_is_zero() -> None:

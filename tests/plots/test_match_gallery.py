@@ -10,7 +10,7 @@ from everplace.plots.match_gallery import Match, draw_matches
 from everplace.plots.style import RIGHT, WRONG
 
 
-def _match(value: int, *, right: bool, true: bool = True, shape: tuple[int, ...] = (8, 16, 3)) -> Match:
+def _match(value: int, *, right: bool | None, true: bool = True, shape: tuple[int, ...] = (8, 16, 3)) -> Match:
     image = np.full(shape, value, np.uint8)
     names = (f"q{value}", f"p{value}", f"t{value}")
     return Match(image, image + 1, image + 2 if true else None, value / 100, right, *names)
@@ -78,3 +78,20 @@ def test_nothing_overlaps_and_everything_is_on_the_page(count: int, shape: tuple
             assert x1 <= u0 or u1 <= x0 or y1 <= v0 or v1 <= y0
     assert all(0 <= text.get_position()[1] <= height for text in axes.texts)
     assert png_bytes(figure, 50)
+
+
+@pytest.mark.parametrize("count", [1, 3, 8])
+def test_where_nobody_knows_what_is_right_there_is_the_score_alone(count: int) -> None:
+    figure = new_figure(6)
+    matches = [_match(number, right=None, true=False) for number in range(10, 10 + count)]
+    axes = draw_matches(figure, matches, title="t", note="n")
+    words = [text.get_text() for text in axes.texts]
+    assert {f"{number / 100:.3f}" for number in range(10, 10 + count)} <= set(words)
+    said = " ".join(words)
+    assert not [word for word in ("true", "not in the database", "right", "wrong", "t10") if word in said]
+    assert len(axes.images) == 2 * count
+    edges = {to_hex(patch.get_edgecolor()).upper() for patch in axes.patches if isinstance(patch, Rectangle)}
+    assert not edges & {RIGHT, WRONG}
+    # What the true frame would have taken, the two others have.
+    x0, x1, *_ = axes.images[-1].get_extent()
+    assert (x1 - x0) > 0.9 * (6 if count < 4 else 3) / 2 - 0.4

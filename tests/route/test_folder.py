@@ -75,7 +75,10 @@ def test_a_pattern_chooses_files_of_any_ending(tmp_path: Path) -> None:
             ["1.png", "2.png"],
             "holds images itself, so it is a single traverse and not a route; give the directory above",
         ),
-        (["a/1.png", "b/notes.txt"], r"traverse .*/b is empty: no file in it ends in \.bmp.*`ignore` in route\.toml"),
+        (
+            ["a/1.png", "b/notes.txt"],
+            r"traverse .*/b is empty: no file in it ends in \.avif.*`ignore` in route\.toml",
+        ),
     ],
 )
 def test_what_is_no_route(tmp_path: Path, files: list[str], message: str) -> None:

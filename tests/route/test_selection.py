@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -32,12 +33,12 @@ def test_parse_frames(text: str, expected: slice) -> None:
 
 @pytest.mark.parametrize("text", ["", "5", "-3:5", "0:-1", "a:b", "1:2:3", "5:5", "9:3", ":0", "1.5:2", "1 :2", "²:3"])
 def test_nonsense_frames(text: str) -> None:
-    with pytest.raises(ConfigError, match="--frames"):
+    with pytest.raises(ConfigError, match="`frames`"):
         parse_frames(text)
 
 
 def test_a_number_longer_than_python_reads() -> None:
-    with pytest.raises(ConfigError, match="--frames holds a number of thousands of digits"):
+    with pytest.raises(ConfigError, match="`frames` holds a number of thousands of digits"):
         parse_frames("0:" + "9" * 10_000)
 
 
@@ -219,3 +220,27 @@ def test_drives_that_are_not_nested_keep_what_they_share(tiny_route: Path, asked
 def test_only_a_drive_with_twice_the_frames_is_a_map(tiny_route: Path, lacking: int, kept: list[int]) -> None:
     route = with_map(tiny_route, set(range(lacking, 12)))
     assert [len(traverse) for traverse in select_maps(route, Selection()).traverses] == kept
+
+
+@pytest.mark.parametrize(
+    ("frames", "says"),
+    [
+        (":800", "`frames` ends at 800, but .*tiny has only 12 places, so 12 take part"),
+        ("4:13", "`frames` ends at 13, but .*tiny has only 12 places, so 8 take part"),
+        ("11:9999", "`frames` ends at 9999, but .*tiny has only 12 places, so 1 take part"),
+    ],
+)
+@pytest.mark.parametrize("shared", [True, False])
+def test_a_slice_that_ends_behind_the_last_place_is_told(
+    unchanged_tiny_route: Path, frames: str, says: str, shared: bool
+) -> None:
+    route = open_route(unchanged_tiny_route)
+    with pytest.warns(UserWarning, match=says):
+        select(route, Selection(parse_frames(frames)), only_shared=shared)
+
+
+@pytest.mark.parametrize("frames", [":12", "3:", ":", "0:5"])
+def test_a_slice_that_ends_on_the_route_is_not_told(unchanged_tiny_route: Path, frames: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        select(open_route(unchanged_tiny_route), Selection(parse_frames(frames)))

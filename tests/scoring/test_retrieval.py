@@ -14,7 +14,8 @@ from everplace.errors import ConfigError, RouteError
 from everplace.experiments.comparison import compare_methods
 from everplace.experiments.comparison_methods import Methods, select_tested
 from everplace.experiments.comparison_report import write_comparison
-from everplace.experiments.evaluation import evaluate_retrieval, write_evaluation
+from everplace.experiments.evaluation import evaluate_retrieval
+from everplace.experiments.evaluation_report import write_evaluation
 from everplace.experiments.manifest import open_study
 from everplace.match.matching import Matching
 from everplace.match.similarity import similarity
@@ -38,6 +39,7 @@ def test_a_pair_is_restricted_to_the_places_that_take_part(tiny_route: Path) -> 
 
 def test_a_traverse_can_be_compared_with_itself(tiny_route: Path) -> None:
     result = retrieve(open_route(tiny_route), "summer", "summer", "hog")
+    assert result.scores is not None
     assert result.scores.recall_at["1"] == 1.0
     assert "every frame finds itself" in result.pair.warning
     assert not retrieve(open_route(tiny_route), "winter", "summer", "hog").pair.warning
@@ -51,6 +53,8 @@ def test_a_route_two_traverses_and_a_method_give_scores_curve_and_matrix(tiny_ro
     described = [open_describer("hog").describe(one) for one in (result.query, result.database)]
     np.testing.assert_array_equal(result.similarity, similarity(*described))
     np.testing.assert_array_equal(result.truth, truth_by_position(result.query, result.database, 1))
+    assert result.truth is not None
+    assert result.curve is not None
     assert result.scores == evaluate(result.similarity, result.truth)
     assert result.curve.area == result.scores.auc_pr
 
@@ -87,7 +91,7 @@ def test_the_truth_comes_from_the_option_then_the_route_then_one_frame(tiny_rout
 
 def test_two_truths_at_once_are_refused(tiny_route: Path) -> None:
     pair = choose_pair(open_route(tiny_route), "winter", "summer", Selection())
-    with pytest.raises(ConfigError, match="--radius"):
+    with pytest.raises(ConfigError, match="`radius`"):
         true_matches(pair, MatchRule(1, 5.0))
 
 
@@ -141,6 +145,55 @@ def test_stems_that_are_no_places_tell_no_truth_but_poses_do(tiny_route: Path) -
     np.testing.assert_array_equal(true_matches(pair, MatchRule(0))[0], np.eye(12, dtype=bool))
 
 
+def unaligned(root: Path, how: str) -> None:
+    """Makes a route of which nothing says what frames show the same place, in one of the ways that occur."""
+    if how == "denied":
+        (root / "route.toml").write_text("aligned = false\n")
+    else:
+        rename(root / "winter", "q")
+    if how == "posed":  # but without a radius, which would make a truth of them
+        for traverse in ("summer", "winter"):
+            pose(root / traverse, 10.0)
+
+
+@pytest.mark.parametrize("how", ["named apart", "denied", "posed"])
+@pytest.mark.parametrize("tolerance", [None, 0, 3])
+def test_drives_that_are_not_aligned_get_matches_and_no_scores(
+    tiny_route: Path, how: str, tolerance: int | None
+) -> None:
+    same = retrieve(open_route(tiny_route), "winter", "summer", "hog")
+    unaligned(tiny_route, how)
+    found = retrieve(open_route(tiny_route), "winter", "summer", "hog", tolerance=tolerance)
+    np.testing.assert_array_equal(found.similarity, same.similarity)
+    assert (found.rule, found.truth, found.scores, found.curve) == (None, None, None, None)
+    assert "nobody knows which frames show the same place" in found.why_unscored
+    assert "`everplace data align`" in found.why_unscored
+    assert not same.why_unscored
+
+
+def test_a_mistake_stays_one_where_drives_are_not_aligned(tiny_route: Path) -> None:
+    unaligned(tiny_route, "denied")
+    route = open_route(tiny_route)
+    with pytest.raises(ConfigError, match="tolerance -1 is negative"):
+        retrieve(route, "winter", "summer", "sad", tolerance=-1)
+    with pytest.raises(RouteError, match="has no poses"):
+        retrieve(route, "winter", "summer", "sad", radius=5.0)
+    with pytest.raises(ConfigError, match="two truths"):
+        retrieve(route, "winter", "summer", "sad", tolerance=1, radius=5.0)
+    with pytest.raises(RouteError, match="autumn"):
+        retrieve(route, "autumn", "summer", "sad")
+    with pytest.raises(RouteError, match="are not aligned"):  # the truth is there, and was not asked for
+        retrieve(replace(route, radius=5.0), "winter", "summer", "sad", tolerance=1)
+
+
+@pytest.mark.parametrize("how", ["named apart", "denied", "posed"])
+def test_a_comparison_of_drives_that_are_not_aligned_names_the_remedy(tiny_route: Path, how: str) -> None:
+    unaligned(tiny_route, how)
+    tested = select_tested(open_route(tiny_route), ["hog"], Selection(), "")
+    with pytest.raises(RouteError, match="`everplace data align`"):
+        open_study(tested, MatchRule(), Matching())
+
+
 def rename(directory: Path, prefix: str) -> None:
     for path in list(directory.glob("*.png")):
         path.rename(path.with_name(prefix + path.name))
@@ -163,6 +216,7 @@ def test_poses_tell_the_same_places_without_shared_stems(tiny_route: Path, same:
     (tiny_route / "route.toml").write_text("radius = 15.0\n")
     evaluated = evaluate_retrieval(retrieve(open_route(tiny_route), "winter", "summer", "hog"), "hog")
     scores = evaluated.result.scores
+    assert scores is not None
     assert (scores.queries, scores.database, scores.queries_with_match) == (11, 12, 11)
     expected = np.abs(np.arange(11)[:, None] - np.arange(12)) <= 1
     np.testing.assert_array_equal(evaluated.result.truth, expected)
@@ -259,7 +313,33 @@ def test_the_audit_looks_at_shared_places_where_the_scores_do_not_need_them(tiny
     save_checkpoint(tmp_path / "run", ConditionVAE(config), {"recipe": "faithful"})
     (tmp_path / "run" / "config.toml").touch()
     evaluated = evaluate_retrieval(retrieve(open_route(tiny_route), "winter", "summer", tmp_path / "run"), "run")
-    assert (evaluated.result.scores.queries, evaluated.result.scores.database) == (11, 11)
+    scores = evaluated.result.scores
+    assert scores is not None
+    assert (scores.queries, scores.database) == (11, 11)
     assert evaluated.audit is not None
     write_evaluation(evaluated, tmp_path / "out", details={})
     assert (tmp_path / "out" / "swap.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("frames", "asking", "stems"),
+    [(None, slice(4, None), range(4, 12)), (None, slice(None, 2), range(2)), (slice(3, 9), slice(5, 20), range(5, 9))],
+)
+def test_some_places_ask_and_the_map_keeps_all(
+    tiny_route: Path, frames: slice | None, asking: slice, stems: range
+) -> None:
+    result = retrieve(
+        open_route(tiny_route), "winter", "summer", "hog", selection=Selection(frames), query_frames=asking
+    )
+    assert [int(stem) for stem in result.query.stems] == list(stems)
+    assert len(result.database) == (12 if frames is None else 6)
+    assert result.truth is not None
+    assert result.truth.any(axis=1).all()
+
+
+@pytest.mark.parametrize("asking", [slice(12, None), slice(0, 3)])
+def test_places_that_ask_must_be_there(tiny_route: Path, asking: slice) -> None:
+    with pytest.raises(RouteError, match="`query_frames`"):
+        retrieve(
+            open_route(tiny_route), "winter", "summer", "hog", selection=Selection(slice(3, None)), query_frames=asking
+        )

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from tests.sequences.hidden_markov import shown
 
+from everplace.sequences.evidence import likelihood_ratios, standardised
 from everplace.sequences.frame_change import View, change_in_steps, new_frames
 from everplace.sequences.route_filter import filter_windows
-from everplace.sequences.route_model import RouteModel, likelihood_ratios
+from everplace.sequences.route_model import RouteModel
 
 
 @settings(max_examples=40, deadline=None)
@@ -28,7 +29,7 @@ def test_the_change_is_measured_by_that_of_a_step(frames: int, places: int, seed
 
 def test_a_step_along_the_map_is_one_step() -> None:
     S, _ = along(4, noise=0.0)
-    views = [View.of(ratios) for ratios in likelihood_ratios(S, RouteModel())]
+    views = [View.of(ratios) for ratios in likelihood_ratios(standardised(S), RouteModel())]
     steps = [change_in_steps(views[frame], views[frame + 1]) for frame in range(50, 150)]
     assert np.median(steps) == pytest.approx(1, rel=0.1)
 

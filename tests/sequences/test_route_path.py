@@ -17,7 +17,7 @@ from everplace.sequences.route_path import best_path, smooth_route
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.integers(1, 5), st.integers(1, 3), st.integers(0, 99), st.sampled_from(MODELS))
+@given(st.integers(1, 4), st.integers(1, 3), st.integers(0, 99), st.sampled_from(MODELS))
 def test_smoothing_sums_over_all_paths(frames: int, places: int, seed: int, model: RouteModel) -> None:
     S = np.random.default_rng(seed).normal(size=(frames, places))
     paths, p = every_path(model, S)
@@ -26,21 +26,21 @@ def test_smoothing_sums_over_all_paths(frames: int, places: int, seed: int, mode
         answers = smooth_route(S, model, reach=0)
     for frame, answer in enumerate(answers):
         state = paths[:, frame]
-        known = np.array([p[(state == place) | (state == place + places)].sum() for place in range(places)])
+        known = np.array([p[(state < 3 * places) & (state % places == place)].sum() for place in range(places)])
         assert answer.probability == pytest.approx(known[answer.place])
         assert worth(model, known)[answer.place] == pytest.approx(worth(model, known).max())
-        assert answer.on_map == pytest.approx(p[state < 2 * places].sum())
+        assert answer.on_map == pytest.approx(p[state < 3 * places].sum())
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.integers(1, 5), st.integers(1, 3), st.integers(0, 99), st.sampled_from(MODELS))
+@given(st.integers(1, 4), st.integers(1, 3), st.integers(0, 99), st.sampled_from(MODELS))
 def test_no_path_is_more_probable_than_the_best(frames: int, places: int, seed: int, model: RouteModel) -> None:
     S = np.random.default_rng(seed).normal(size=(frames, places))
     paths, p = every_path(model, S)
     with correlations_of_few_places():
         found = best_path(S, model)
-    off = paths == 2 * places
-    same = (np.where(off, -1, paths % places) == found).all(axis=1)  # directions are not told
+    off = paths == 3 * places
+    same = (np.where(off, -1, paths % places) == found).all(axis=1)  # gaits are not told
     assert p[same].max() == pytest.approx(p.max())
 
 
@@ -53,16 +53,25 @@ def test_a_drive_is_found_whole(name: str) -> None:
     assert (np.abs(best_path(S) - path) <= 1).mean() >= 0.9
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(st.lists(st.integers(1, 6), min_size=12, max_size=12), st.integers(0, 99))
-def test_a_frame_seen_again_is_no_frame(stops: list[int], seed: int) -> None:
-    S = drive([*range(10, 22)], PLACES, seed=seed)
+def test_a_robot_that_stands_is_no_surer_of_its_place(stops: list[int], seed: int) -> None:
+    S = drive([*range(10, 22)], PLACES, seed=seed, separation=9.0)
     scale, shift = np.random.default_rng(seed).uniform(0.5, 2, (2, sum(stops), 1))
     stopped = S.repeat(stops, axis=0) * scale + shift
     np.testing.assert_array_equal(best_path(stopped), best_path(S).repeat(stops))
     expected = [answer for answer, n in zip(smooth_route(S), stops, strict=True) for _ in range(n)]
     for answer, other in zip(smooth_route(stopped), expected, strict=True):
-        assert astuple(answer) == pytest.approx(astuple(other))
+        assert astuple(answer) == pytest.approx(astuple(other), abs=0.01)
+
+
+@pytest.mark.parametrize("frames", [5, 9, 40])
+def test_a_blank_stretch_is_bridged(frames: int) -> None:
+    path = np.arange(70)
+    S = drive(path.tolist(), 80, separation=5.0)
+    S[15 : 15 + frames] = np.eye(80)[3] * 12
+    assert (np.abs(best_path(S) - path) <= 1).all()
+    assert (np.abs(np.array([answer.place for answer in smooth_route(S)]) - path) <= 1).all()
 
 
 def test_the_last_frame_has_no_future() -> None:

@@ -59,7 +59,7 @@ def test_integers_are_averaged_as_numbers() -> None:
 
 @pytest.mark.parametrize("length", [0, -3])
 def test_a_length_below_1_is_refused(length: int) -> None:
-    with pytest.raises(ConfigError, match=f"--sequence {length} "):
+    with pytest.raises(ConfigError, match=f"a sequence of {length} frames"):
         average_sequences(np.ones((2, 2)), length)
 
 
@@ -80,7 +80,7 @@ def test_one_frame_is_no_sequence(method: SequenceMethod) -> None:
 
 
 def test_an_unknown_method_is_refused() -> None:
-    with pytest.raises(ConfigError, match="--sequence-method dtw is not known; choose filter, seqslam, mean"):
+    with pytest.raises(ConfigError, match="the sequence method 'dtw' is not known; choose filter, seqslam, mean"):
         search_sequences(np.ones((2, 2)), 2, "dtw")  # type: ignore[arg-type]
 
 

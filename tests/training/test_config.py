@@ -35,8 +35,8 @@ from everplace.training.config import CONFIG_FILE, TrainConfig, write_config
         ({"model": "gan"}, "model: .*'vae', 'c-vae', 'cp-vae' or 'cae'"),
         ({"epochs": 3, "minutes": 1}, "give exactly one of epochs and minutes"),
         ({"epochs": None}, "give exactly one of epochs and minutes"),
-        ({"recipe": "worst"}, "--recipe 'worst' does not exist; choose faithful or best"),
-        ({"recipe": "best"}, "--recipe best is a recipe of cp-vae, not of vae"),
+        ({"recipe": "worst"}, "`recipe` 'worst' does not exist; choose faithful or best"),
+        ({"recipe": "best"}, "`recipe=best` is a recipe of cp-vae, not of vae"),
         ({"remedies": {"swap": 1}}, r"remedies: there is no such setting; known are model, .*recipe"),
     ],
 )

@@ -48,7 +48,7 @@ def test_no_more_devices_than_there_are(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
     require_devices(2)
-    with pytest.raises(ConfigError, match="--devices 3 was asked for, but this machine has 2"):
+    with pytest.raises(ConfigError, match="`devices` 3 was asked for, but this machine has 2"):
         require_devices(3)
 
 

@@ -21,6 +21,7 @@ from everplace.errors import CheckpointError, ConfigError, DivergedError, Everpl
 from everplace.model.checkpoint import load_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.pixels import to_input
+from everplace.route.fingerprint import image_digests
 from everplace.route.route import Route, open_route
 from everplace.training import devices, fit
 from everplace.training.config import TrainConfig
@@ -81,6 +82,12 @@ def test_a_run_leaves_checkpoint_configuration_and_metrics(
         "images": images_fingerprint(split_route(route, config)),
         "trained_stems": [str(place) for place in range(8)],
         "held_out_stems": ["10", "11"],
+        "seen_images": sorted(
+            digest
+            for traverse in route.traverses
+            for place, digest in enumerate(image_digests(traverse))
+            if place not in (8, 9)
+        ),
     }
     assert checkpoint.seen_stems == {str(place) for place in (*range(8), 10, 11)}
     # The sigma that training reached went along, and the measurement can be repeated with it.
@@ -123,7 +130,7 @@ def test_resuming_a_finished_run_returns_at_once_with_the_same_summary(
 
 def test_a_finished_run_is_not_trained_over(run: tuple[Path, TrainSummary, TrainConfig], route: Route) -> None:
     out, _, config = run
-    with pytest.raises(ConfigError, match="already holds a run; add --resume"):
+    with pytest.raises(ConfigError, match="already holds a run; add `resume=True`"):
         train(route, config, out)
 
 
@@ -351,7 +358,7 @@ def test_a_run_that_ends_while_the_divergence_gains_weight_is_warned_of_a_collap
 ) -> None:
     config = make_config(epochs=2, warmup_epochs=9.0)
     split = split_route(route, config)
-    keeper = RunKeeper(tmp_path, config, split, "", RunProgress(), 60.0)
+    keeper = RunKeeper(tmp_path, config, split, "", [], RunProgress(), 60.0)
     row = {"epoch": 2.0, "kl_place": 0.1, "active_place": 0.0, "kl_condition": 5.0, "active_condition": 9.0}
     with warnings.catch_warnings():
         warnings.simplefilter("error")

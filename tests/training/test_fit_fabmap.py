@@ -17,6 +17,7 @@ from everplace.fabmap.fabmap_model import load_fabmap
 from everplace.match.new_place import new_place_probability
 from everplace.match.similarity import similarity, top_k
 from everplace.progress import quiet
+from everplace.route.fingerprint import image_digests
 from everplace.route.route import Route, open_route
 from everplace.training.fit_fabmap import FabMapTrainConfig, _features, _sample_features, fit_fabmap
 from everplace.training.fitted_methods import FITTED_METHODS, build_config, fit_method
@@ -76,6 +77,9 @@ def test_places_are_recognised_by_the_run(run: Path, textured: Route) -> None:
     assert isinstance(describer, FabMapDescriber)
     assert (describer.method, describer.dimension, describer.metric) == ("fabmap", 121, "place-posterior")
     assert describer.seen_stems == {str(place) for place in range(8)}
+    assert describer.seen_images == {
+        digest for one in textured.traverses for digest in image_digests(one.take(list(range(8))))
+    }
     query, database = (describer.describe(textured[name], batch=3) for name in ("dusk", "day"))
     best, _ = top_k(query, database, 1)
     assert (best[:, 0] == np.arange(PLACES)).mean() >= 0.8
@@ -135,7 +139,7 @@ def test_resuming_a_finished_fit_leaves_it_and_a_stopped_one_starts_anew(texture
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file() and path.name != "config.toml"}
     fit_fabmap(textured, config(), out, resume=True)
     assert {path: path.stat().st_mtime_ns for path in before} == before
-    with pytest.raises(ConfigError, match="already holds a run; add --resume"):
+    with pytest.raises(ConfigError, match="already holds a run; add `resume=True`"):
         fit_fabmap(textured, config(), out)
     with pytest.raises(ConfigError, match="words was 60 and is now 61"):
         fit_fabmap(textured, config(words=61), out, resume=True)
@@ -187,10 +191,10 @@ def test_the_vocabulary_is_of_all_conditions_even_if_there_are_more_frames_than_
         ({"new_place": "mean"}, "new_place: .*'mean-field' or 'sampled'"),
         ({"image_size": (0, 5)}, "image_size"),
         ({"seed": -1}, "seed: "),
-        ({"epochs": 3}, "--epochs does not apply to fabmap"),
-        ({"minutes": 3}, "--minutes does not apply to fabmap"),
-        ({"grey": True}, "--grey does not apply to fabmap"),
-        ({"recipe": "faithful"}, "--recipe does not apply to fabmap"),
+        ({"epochs": 3}, "`epochs` does not apply to fabmap"),
+        ({"minutes": 3}, "`minutes` does not apply to fabmap"),
+        ({"grey": True}, "`grey` does not apply to fabmap"),
+        ({"recipe": "faithful"}, "`recipe` does not apply to fabmap"),
     ],
 )
 def test_a_wrong_value_is_named(values: dict[str, Any], message: str) -> None:
@@ -201,6 +205,6 @@ def test_a_wrong_value_is_named(values: dict[str, Any], message: str) -> None:
 def test_networks_get_a_length_and_fabmap_one_process(textured: Route, tmp_path: Path) -> None:
     assert FITTED_METHODS == ("vae", "c-vae", "cp-vae", "cae", "fabmap")
     assert build_config(model="cae").model_dump()["epochs"] == 40
-    with pytest.raises(ConfigError, match="--devices and --nodes do not apply to fabmap"):
+    with pytest.raises(ConfigError, match="`devices` and `nodes` do not apply to fabmap"):
         fit_method(textured, config(), tmp_path / "run", devices=2)
     assert not (tmp_path / "run").exists()

@@ -11,7 +11,7 @@ from everplace import locking
 from everplace.errors import CheckpointError, ConfigError
 from everplace.training.config import CONFIG_FILE, TrainConfig
 from everplace.training.resume_state import RESUME, RunProgress, save_state
-from everplace.training.run_directory import leads, locked_run, prepare_run, require_usable
+from everplace.training.run_directory import leads, locked_run, prepare_run, require_usable, what_stands
 
 MakeConfig = Callable[..., TrainConfig]
 
@@ -35,7 +35,7 @@ def test_resume_with_nothing_there_starts(tmp_path: Path, make_config: MakeConfi
 
 def test_another_run_is_not_overwritten(tmp_path: Path, make_config: MakeConfig) -> None:
     begin(tmp_path, make_config())
-    with pytest.raises(ConfigError, match=f"{tmp_path} already holds a run; add --resume"):
+    with pytest.raises(ConfigError, match=f"{tmp_path} already holds a run; add `resume=True`"):
         prepare_run(tmp_path, make_config(), resume=False)
 
 
@@ -70,7 +70,7 @@ def test_another_setting_is_named_when_resuming(
 ) -> None:
     begin(tmp_path, make_config())
     before = (tmp_path / CONFIG_FILE).read_bytes()
-    with pytest.raises(ConfigError, match=f"--resume continues a run with its own settings, but {name} was"):
+    with pytest.raises(ConfigError, match=f"`resume=True` continues a run with its own settings, but {name} was"):
         prepare_run(tmp_path, make_config(**change), resume=True)
     assert (tmp_path / CONFIG_FILE).read_bytes() == before
 
@@ -171,3 +171,12 @@ def test_a_directory_where_the_run_writes_a_file_is_told_first(
     (tmp_path / name).mkdir()
     with pytest.raises(ConfigError, match=f"{name} is no file, which the run needs to write"):
         require_usable(tmp_path, make_config(), resume=True)
+
+
+def test_what_a_stopped_run_left_is_said(tmp_path: Path, make_config: MakeConfig) -> None:
+    out = tmp_path / "run"
+    assert what_stands(out) == "nothing was written; give the same command again"
+    prepare_run(out, make_config(), resume=False)
+    assert what_stands(out).startswith(f"{out} holds the settings and no epoch yet, so the same command begins anew")
+    save_state(out, RunProgress(epoch=1), None, None)
+    assert what_stands(out).startswith(f"the finished epochs stand in {out}; the same command with `resume=True` goes")

@@ -88,7 +88,7 @@ def load_prior(path: Path) -> Prior:
         data = read_regular(path)
     except OSError as error:
         raise CheckpointError(
-            f"the prior {readable(path)} cannot be read ({error.strerror}); correct `prior`"
+            f"the prior {readable(path)} cannot be read ({error.strerror}); correct --prior"
         ) from None
     return _parse(data, readable(path))
 
@@ -111,7 +111,7 @@ def require_fitting(prior: Prior, method: str, settings: Mapping[str, Any], feat
     if prior.method != method or dict(prior.settings) != dict(settings) or prior.directions.shape[1] != features:
         raise ConfigError(
             f"the prior is of the method {prior.method} with its settings, not of {method} as it is here; make one "
-            "with `save_prior`, or give none as `prior`"
+            "with --save-prior, or give --prior none"
         )
 
 
@@ -134,11 +134,23 @@ def _parse(data: bytes, name: str) -> Prior:
             about["method"],
             json.loads(about["settings"]),
         )
-        rank, _ = prior.directions.shape
-        sound = prior.variances.shape == (rank,) and prior.rest >= 0
-        finite = np.isfinite(prior.directions).all() and np.isfinite(prior.variances).all() and np.isfinite(prior.rest)
-    except (SafetensorError, ValueError, LookupError, TypeError, struct.error):
+        sound = _is_sound(prior)
+    except (SafetensorError, ValueError, LookupError, TypeError, struct.error, RecursionError):
         raise CheckpointError(broken) from None
-    if not (sound and finite and prior.variances.min(initial=0) >= 0):
+    if not sound:
         raise CheckpointError(broken)
     return prior
+
+
+def _is_sound(prior: Prior) -> bool:
+    """Whether these are directions of length 1 and variances."""
+    rank, _ = prior.directions.shape
+    numbers = (*prior.variances.tolist(), prior.rest)
+    return (
+        isinstance(prior.settings, dict)
+        and prior.variances.shape == (rank,)
+        and all(0 <= number < np.inf for number in numbers)
+        and bool(np.isfinite(prior.directions).all())
+        # Half precision keeps three digits.
+        and bool((np.abs(np.linalg.norm(prior.directions.astype(np.float64), axis=1) - 1) < 0.01).all())
+    )

@@ -57,7 +57,7 @@ def adapted_projection(
         At most D dimensions; over the frames of the map its output has mean 0 and variance 1 on average.
     """
     places = statistics.places
-    dimensions = max(1, min(dimensions, int(places.weight) - 1, places.features))
+    dimensions = max(1, min(dimensions, round(places.weight) - 1, places.features))
     within = within_places(statistics, prior, prior_weight)
     add_ridge(within, _RIDGE * (1 + _RIDGE_PLACES / places.weight))
     directions = leading_directions(places.covariance(), within, dimensions)

@@ -98,11 +98,11 @@ def align_by_poses(route: Route, reference: str | None = None, radius: float | N
         if traverse.poses is None:
             raise RouteError(
                 f"the traverse {traverse.name!r} has no poses; put a poses.csv with the columns stem,x,y,heading into "
-                "its directory, or align --by pairs or --by images"
+                "its directory, or align `by=pairs` or `by=images`"
             )
         positions[traverse.name] = traverse.poses[:, :2]
     frames = align_all_by_position(positions, chosen, metres)
-    return _checked(Alignment(route, chosen, f"poses within {metres:g} m", frames, {}), "give a larger --radius")
+    return _checked(Alignment(route, chosen, f"poses within {metres:g} m", frames, {}), "give a larger `radius`")
 
 
 def align_by_pairs(route: Route, pairs: Path, reference: str | None = None) -> Alignment:
@@ -157,7 +157,7 @@ def align_by_images(
     frames = align_drives(_counts(route), chosen, align)
     how = f"the images' {describer.method} descriptors"
     return _judged(
-        _checked(Alignment(route, chosen, how, frames, {}, describer.method), "align --by poses or --by pairs"), seen
+        _checked(Alignment(route, chosen, how, frames, {}, describer.method), "align `by=poses` or `by=pairs`"), seen
     )
 
 
@@ -195,7 +195,7 @@ def alignment_figure(alignment: Alignment) -> Figure:
 def _require_centrable(describer: Describer) -> None:
     if not standardisable(describer.metric):
         raise ConfigError(
-            f"--method {describer.method} gives words, which cannot be centred; choose hog or the run of a network"
+            f"`method` {describer.method} gives words, which cannot be centred; choose hog or the run of a network"
         )
 
 
@@ -228,7 +228,7 @@ def _checked(alignment: Alignment, remedy: str) -> Alignment:
 
 
 def _warning(reference: str, name: str, path: JudgedPath) -> str:
-    remedy = "look at it with --picture FILE.png, or set pairs by hand"
+    remedy = "look at it with `picture` FILE.png, or set pairs by hand"
     if path.by_chance:
         return f"the path of {name} along {reference} is hardly better than chance, so do not trust it: {remedy}"
     first = int(np.argmax(path.unsure))

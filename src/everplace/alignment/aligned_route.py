@@ -9,13 +9,21 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-from everplace.alignment.align import Alignment, align_by_images, align_by_pairs, align_by_poses
+from everplace.alignment.align import (
+    Alignment,
+    align_by_images,
+    align_by_pairs,
+    align_by_poses,
+    alignment_figure,
+    judge,
+)
 from everplace.choices import AlignedBy
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable, require_free_directory
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse
 from everplace.importing.import_route import ImportSummary, write_route
+from everplace.plots.canvas import save_figure
 from everplace.progress import Progress, quiet
 from everplace.route.csv_table import read_times
 from everplace.route.folder import TIMES_CSV
@@ -37,6 +45,7 @@ def align(
     pairs: str | os.PathLike[str] | None = None,
     reference: str | None = None,
     radius: float | None = None,
+    picture: str | os.PathLike[str] | None = None,
     progress: Progress = quiet,
 ) -> Route:
     """Writes a route in which the same stem means the same place, and opens it.
@@ -51,6 +60,7 @@ def align(
         pairs: A CSV file of frames that show the same place, for `by="pairs"`.
         reference: The traverse whose stems are kept; None: the one with the fewest frames.
         radius: Metres between two frames of a place, for `by="poses"`.
+        picture: A file (.png, .svg, .pdf) that shows the similarity of the drives and the path found; None: none.
         progress: Told of describing and writing.
 
     Raises:
@@ -60,9 +70,9 @@ def align(
         StorageError: `out` cannot be written to.
     """
     if (by == "pairs") != (pairs is not None):
-        raise ConfigError("by='pairs' and pairs go together; give both or none of them")
+        raise ConfigError("`by=pairs` and `pairs` go together; give both or none of them")
     if radius is not None and by != "poses":
-        raise ConfigError(f"radius is of no use with by={by!r}; leave it out")
+        raise ConfigError(f"`radius` is of no use with `by={by}`; leave it out")
     require_free_directory(Path(out))
     if by == "images":
         alignment = align_by_images(route, open_describer(method), reference, progress)
@@ -70,6 +80,10 @@ def align(
         alignment = align_by_pairs(route, Path(pairs), reference)
     else:
         alignment = align_by_poses(route, reference, radius)
+    if picture is not None:
+        if not alignment.paths:
+            alignment = judge(alignment, open_describer(method), progress)
+        save_figure(alignment_figure(alignment), Path(picture))
     written = write_aligned(alignment, Path(out), progress)
     for sentence in (*alignment.warnings, *written.notes):
         warnings.warn(sentence, stacklevel=2)

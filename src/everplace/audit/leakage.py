@@ -172,7 +172,7 @@ def audit(
         RouteError: There are fewer than two traverses or fewer than four places.
     """
     if len(frames) < 2 or len(frames[0]) < 4:
-        raise RouteError("the leakage audit needs two traverses of at least four shared places; widen --frames")
+        raise RouteError("the leakage audit needs two traverses of at least four shared places; widen `frames`")
     latents = [encode_frames(model, pixels) for pixels in frames]
     mean_kl = model.split.blocks(np.mean([part.kl for part in latents], axis=0))
     kl = {symbol: mean_kl[block] for block, symbol in BLOCKS.items()}

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from everplace.cli import options
 from everplace.cli.option_groups import RouteOptions, grouped
 from everplace.cli.output import require_directory, require_file, require_outside, show_progress, show_result, warn
+
+if TYPE_CHECKING:
+    from everplace.route.traverse import Traverse
 
 __all__ = ["adapt"]
 
@@ -48,11 +52,14 @@ def adapt(
 
     require_directory(out)
     require_outside(out, route)
+    chosen = places.chosen(route)
+    if places.names:  # the first one named is the map, whatever the order of the directories
+        chosen = replace(chosen, traverses=tuple(sorted(chosen.traverses, key=lambda one: _named(one, places.names))))
     if save_prior is not None:
         require_file(save_prior, option="--save-prior")
     result = adapt_descriptor(
         method,
-        places.chosen(route),
+        chosen,
         out,
         dimensions=dimensions,
         self_taught=self_taught,
@@ -64,9 +71,14 @@ def adapt(
     )
     if result.describer.dimension < dimensions:
         warn(
-            f"--dimensions {dimensions} was lowered to {result.describer.dimension}, as {result.settings['places']} "
-            "places do not allow more"
+            f"--dimensions {dimensions} was lowered to {result.describer.dimension}, as the map's "
+            f"{result.settings['places']} different views do not allow more"
         )
     if prior == "default" and result.prior == "none":
         warn(f"no prior comes with everplace for {method}, so none was used")
     show_result(result.summary(), as_json)
+
+
+def _named(traverse: Traverse, names: tuple[str, ...]) -> int:
+    """The first of the names that a traverse goes by."""
+    return next(index for index, name in enumerate(names) if name in (traverse.name, traverse.condition))

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import shlex
 import sys
+from dataclasses import replace
 from typing import Annotated
 
 import typer
 
 from everplace.cli import options
 from everplace.cli.option_groups import MatchingOptions, RouteOptions, TrainingOptions, TruthOptions, grouped
+from everplace.cli.option_names import with_options
 from everplace.cli.options import split_names
 from everplace.cli.output import (
     named_settings,
@@ -19,7 +21,7 @@ from everplace.cli.output import (
     show_progress,
     show_result,
     warn,
-    warn_of_seen_places,
+    warn_of_methods,
 )
 from everplace.files import readable
 
@@ -56,27 +58,29 @@ def compare(
     """
     require_directory(out)
     require_outside(out, route)
+    chosen, wanted, selection = places.chosen(route), split_names(methods), places.selection()
     from everplace.experiments.comparison import compare_methods
     from everplace.experiments.comparison_methods import fit_and_open, require_fit_settings, select_tested
     from everplace.experiments.comparison_report import write_comparison
     from everplace.experiments.manifest import open_study, require_same_study
 
     progress = show_progress()
-    chosen, wanted = places.chosen(route), split_names(methods)
     chosen_by = {
         "conditions": places.names, "drop_dark": places.drop_dark, "drop_stationary": places.drop_stationary
     }  # fmt: skip
     settings = chosen_by | training.given()
     with named_settings(settings):
         require_fit_settings(settings)
-    tested = select_tested(chosen, wanted, places.selection(), fit_frames, progress)
+    tested = select_tested(chosen, wanted, selection, fit_frames, progress)
     split = {**chosen_by, "frames": places.frames}
     study = open_study(tested, right.truth(), how.matching(), split=split, progress=progress)
     require_same_study(out, study)
     ready = fit_and_open(chosen, wanted, fit_frames, out, settings=settings, progress=progress)
-    warn_of_seen_places(ready.describers, tested, "Test on others with --frames")
+    warn_of_methods(ready.describers, tested, study.truth, "Test on others with --frames")
     comparison = compare_methods(study, ready, out, command=_command(), progress=progress)
-    for method, reason in comparison.left_out.items():
+    reasons = {method: with_options(reason) for method, reason in comparison.left_out.items()}
+    comparison = replace(comparison, left_out=reasons, manifest={**comparison.manifest, "left_out": reasons})
+    for method, reason in reasons.items():
         warn(f"{method} is left out: {reason}")
     for note in comparison.notes:
         warn(note)

@@ -13,11 +13,13 @@ from everplace.cli.data_import import import_, list_
 from everplace.cli.data_inspect import inspect
 from everplace.cli.options import AnySize, Grey, Json, OutDirectory, RouteArgument, split_names
 from everplace.cli.output import (
+    named_settings,
     require_directory,
     require_outside,
     show_progress,
     show_result,
 )
+from everplace.cli.registering import register
 
 __all__ = ["app"]
 
@@ -48,7 +50,8 @@ def render(
         given["size"] = image_size
     if conditions:
         given["conditions"] = split_names(conditions, "--conditions")
-    config = render_config(given)
+    with named_settings(given, called={"size": "image_size"}):
+        config = render_config(given)
     render_route(out, config, progress=show_progress(), workers=usable_cores())
     show_result({"route": str(out), "traverses": list(config.conditions), "places": config.places}, as_json)
 
@@ -84,10 +87,7 @@ def pack(
 
 
 app = typer.Typer(help="Fetch, import, render, look at and pack routes.", no_args_is_help=True)
-app.command("render")(render)
-app.command("pack")(pack)
-app.command("fetch")(fetch)
-app.command("import")(import_)
-app.command("list")(list_)
-app.command("align")(align)
-app.command("inspect")(inspect)
+for _command in (render, pack, fetch, align, inspect):
+    register(app, _command)
+register(app, import_, "import")
+register(app, list_, "list")

@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from everplace.cli.options import Json, OutDirectory
+from everplace.cli.option_names import with_options
+from everplace.cli.options import Json, OutDirectory, SourceOptions, given_pairs
 from everplace.cli.output import require_directory, show_progress, show_result, warn
-from everplace.errors import ConfigError
 
 __all__ = ["import_", "list_"]
 
@@ -18,10 +18,7 @@ def import_(
     kind: Annotated[str, typer.Argument(metavar="KIND", help="What it is; see everplace data list.")],
     source: Annotated[Path, typer.Argument(metavar="SOURCE", help="The directory, archive or recording.")],
     out: OutDirectory,
-    options: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="An option of the kind; may be given several times."),
-    ] = None,
+    options: SourceOptions = None,
     copy: Annotated[bool, typer.Option("--copy", help="Copy image files instead of linking to them.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -32,7 +29,7 @@ def import_(
     from everplace.importing.import_route import import_route
 
     require_directory(out)
-    summary = import_route(kind, source, out, _pairs(options or []), copy=copy, progress=show_progress())
+    summary = import_route(kind, source, out, given_pairs(options), copy=copy, progress=show_progress())
     result: dict[str, Any] = {
         "route": str(out),
         "traverses": dict(summary.traverses),
@@ -43,7 +40,7 @@ def import_(
         "protocol": summary.protocol or None,
     }
     if as_json:
-        result["notes"] = list(summary.notes)
+        result["notes"] = [with_options(note) for note in summary.notes]
     else:
         for note in summary.notes:
             warn(note)
@@ -86,20 +83,3 @@ def list_(as_json: Json = False) -> None:
                 print(f"    everplace data fetch {data_set}  {about['summary']}")
         if kind["missing"]:
             print(f"    part of it needs {', '.join(kind['missing'])}")
-
-
-def _pairs(given: list[str]) -> dict[str, str]:
-    """Splits `name=value`.
-
-    Raises:
-        ConfigError: There is no `=`, or a name comes twice.
-    """
-    pairs: dict[str, str] = {}
-    for text in given:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise ConfigError(f"--set {text!r} is not NAME=VALUE; write it like --set size=64x32")
-        if name in pairs:
-            raise ConfigError(f"--set {name} is given twice; keep one (a list's items are separated by commas)")
-        pairs[name] = value
-    return pairs

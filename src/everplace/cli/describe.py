@@ -9,12 +9,14 @@ from typing import Annotated
 import typer
 
 from everplace.choices import DescriptorFormat
-from everplace.cli.options import Json, OutFile
+from everplace.cli.options import Json, OutFile, given_pairs
 from everplace.cli.output import (
     require_file,
     require_no_frame,
+    require_other,
     show_progress,
     show_result,
+    warn,
 )
 from everplace.errors import ConfigError
 from everplace.files import readable
@@ -26,7 +28,7 @@ def describe(
     method: Annotated[
         str, typer.Argument(metavar="METHOD", help="A run directory, or sad, hog, alexnet, vgg19, hub:..., onnx:...")
     ],
-    images: Annotated[Path, typer.Argument(metavar="IMAGES", help="Directory of images.")],
+    images: Annotated[Path, typer.Argument(metavar="IMAGES", help="Directory of images, a video, or a ROS bag.")],
     *,
     out: OutFile,
     batch: Annotated[
@@ -40,23 +42,43 @@ def describe(
             "--image-root", metavar="DIR", help="Directory above IMAGES from which the image files are named [IMAGES]."
         ),
     ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="NAME=VALUE", help="An option of a video or bag, such as every_seconds=0.5; see data list."
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Describe every image of a directory; FILE.h5 gets the descriptors and the names.
+    """Describe every image of a directory, or every frame of a video; FILE.h5 gets the descriptors and the names.
+
+    The frames of a video or bag are called by their numbers in it.
 
     With --image-root my-route the images are called winter/1.png, as hloc and kapture want them.
 
     Example: everplace describe runs/cp-vae my-route/winter --out winter.h5
     """
     require_file(out)
+    require_other(out, images)
     if out.suffix.lower() not in (".h5", ".hdf5"):
         require_no_frame(out, images.parent)
     below = _below(images, image_root)
+    options = given_pairs(settings)
+    from everplace.describe.recorded_frames import RecordedFrames, is_recording, open_recording
     from everplace.describe.registry import open_describer
     from everplace.route.folder import open_traverse
 
+    opened = open_recording(images, options) if is_recording(images) else open_traverse(images)
+    if isinstance(opened, RecordedFrames):
+        if image_root is not None:
+            raise ConfigError(f"--image-root names image files, which {readable(images)} does not hold; leave it out")
+    elif options:
+        raise ConfigError(f"--set is for videos and bags, and {readable(images)} holds images; leave it out")
     describer = open_describer(method, progress=show_progress())
-    described = describer.describe(open_traverse(images), batch=batch, progress=show_progress())
+    described = describer.describe(opened, batch=batch, progress=show_progress())
+    if isinstance(opened, RecordedFrames):
+        for note in opened.notes:
+            warn(note)
     if below:
         described = described.under(below)
     if file_format == "hloc":

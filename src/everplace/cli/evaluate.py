@@ -20,15 +20,18 @@ __all__ = ["evaluate"]
 def evaluate(
     route: options.RouteArgument, *, asked: RetrievalOptions, out: options.OutDirectory, as_json: options.Json = False
 ) -> None:
-    """Score a method between two conditions; DIR gets metrics.json, pictures and report.html.
+    """Score a method between two conditions; DIR gets metrics.json, best_matches.csv, pictures and report.html.
+
+    Of drives that are not aligned nobody knows what is right: they get pictures and the scores of their best matches.
 
     Example: everplace evaluate my-route --method hog --database summer --query winter --frames 1620: --out result
     """
     require_directory(out)
     require_outside(out, route)
-    from everplace.experiments.evaluation import evaluate_retrieval, write_evaluation
-
     result = asked.retrieve(route, show_progress())
+    from everplace.experiments.evaluation import evaluate_retrieval
+    from everplace.experiments.evaluation_report import write_evaluation
+
     evaluation = evaluate_retrieval(result, asked.method, show_progress())
     warn_of_retrieval(result, asked.method, "Test on others with --frames")
     write_evaluation(evaluation, out, details=provenance())

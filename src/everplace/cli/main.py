@@ -8,7 +8,7 @@ import os
 import sys
 import warnings
 from importlib.metadata import version
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer.main import get_command
@@ -22,8 +22,12 @@ from everplace.cli.evaluate import evaluate
 from everplace.cli.export import export
 from everplace.cli.localize import localize
 from everplace.cli.match import match
+from everplace.cli.methods import methods
+from everplace.cli.option_names import naming_options, with_options
+from everplace.cli.registering import register
 from everplace.cli.train import train
 from everplace.errors import EverplaceError
+from everplace.warning_source import file_of_warning
 
 __all__ = ["app", "main", "run"]
 
@@ -58,8 +62,8 @@ def _options(
     pass
 
 
-for _subcommand in (demo, train, adapt, describe, match, evaluate, compare, export, localize):
-    app.command(_subcommand.__name__)(_subcommand)
+for _subcommand in (demo, train, adapt, methods, describe, match, evaluate, compare, export, localize):
+    register(app, _subcommand)
 app.add_typer(show.app, name="show")
 app.add_typer(data.app, name="data")
 app.add_typer(map.app, name="map")
@@ -76,6 +80,12 @@ def main() -> None:
 
 def run(arguments: list[str]) -> int:
     """Runs the command with these arguments and returns its exit status."""
+    path = _called(arguments)
+    with naming_options(path[-1][1], arguments):
+        return _run(arguments, " ".join(name for name, _ in path))
+
+
+def _run(arguments: list[str], called: str) -> int:
     try:
         status = get_command(app).main(args=arguments, prog_name="everplace", standalone_mode=False)
     except typer.Abort:
@@ -98,7 +108,7 @@ def run(arguments: list[str]) -> int:
         return _MACHINE_FAILED
     except Exception as error:  # the last resort: no traceback reaches a user
         if hasattr(error, "format_message"):  # Typer's own errors, whichever library they come from
-            return _usage(error, arguments)
+            return _usage(error, called)
         if type(error).__name__ == "OutOfMemoryError" or "allocate memory" in str(error):
             return _out_of_memory()
         if os.environ.get("EVERPLACE_TRACEBACK"):
@@ -115,7 +125,7 @@ def run(arguments: list[str]) -> int:
     return status if isinstance(status, int) else 0
 
 
-def _usage(error: Exception, arguments: list[str]) -> int:
+def _usage(error: Exception, called: str) -> int:
     """Says what is wrong with the command line, in one sentence with the way to the help."""
     format_message = getattr(error, "format_message", None)
     message = str(format_message() if callable(format_message) else error).strip().rstrip(".")
@@ -124,20 +134,21 @@ def _usage(error: Exception, arguments: list[str]) -> int:
     if message.startswith("Usage:"):  # no arguments at all: the message is the help
         print(message, file=sys.stderr)
         return _BAD_USAGE
-    command = context.command_path if context is not None else _command(arguments)
+    # Of a number of values that is wrong the parser does not tell the command.
+    command = context.command_path if context is not None else called
     _say(f"{message}; see {command} --help")
     return _BAD_USAGE
 
 
-def _command(arguments: list[str]) -> str:
-    """The command that was called; of a number of values that is wrong the parser does not tell it."""
-    path, commands = ["everplace"], getattr(get_command(app), "commands", {})
+def _called(arguments: list[str]) -> list[tuple[str, Any]]:
+    """The command that is called, after those that it belongs to, with their names."""
+    path: list[tuple[str, Any]] = [("everplace", get_command(app))]
     for name in arguments:
+        commands = getattr(path[-1][1], "commands", {})
         if name not in commands:
             break
-        path.append(name)
-        commands = getattr(commands[name], "commands", {})
-    return " ".join(path)
+        path.append((name, commands[name]))
+    return path
 
 
 def _out_of_memory() -> int:
@@ -151,13 +162,24 @@ def _interrupted(arguments: list[str]) -> int:
     return _INTERRUPTED
 
 
-def _show_warning(message: Warning | str, *_where: object, **_more: object) -> None:
-    """Says a warning as a sentence; the line of code it came from helps no user."""
-    _say(str(message))
+_named: set[tuple[object, ...]] = set()
+
+
+def _show_warning(message: Warning | str, category: object, *where: object, **_more: object) -> None:
+    """Says a warning as a sentence; the line of code it came from helps no user.
+
+    What a library says of a file comes with the file's name, for the first file of which it says such a thing.
+    """
+    text, file = " ".join(str(message).split()), file_of_warning()
+    if not file:
+        _say(text)
+    elif (category, *where[:2]) not in _named:
+        _named.add((category, *where[:2]))
+        _say(f"{file}: {text.rstrip('.')}; it was read all the same, and more such files are not named")
 
 
 def _say(message: str) -> None:
-    print(f"everplace: {message}", file=sys.stderr)
+    print(f"everplace: {with_options(message)}", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -100,15 +100,18 @@ class RetrievalOptions(MatchingOptions, TruthOptions, SelectionOptions):  # fiel
     method: options.Method
     database: options.Database
     query: options.Query
+    query_frames: options.QueryFrames = ""
 
     def retrieve(self, route: Path, progress: Progress) -> Retrieval:
         """Does it; see `everplace.scoring.retrieval.retrieve`."""
         from everplace.route.route import open_route
+        from everplace.route.selection import parse_frames
         from everplace.scoring.retrieval import retrieve
 
+        asking = parse_frames(self.query_frames, "--query-frames") if self.query_frames else None
         return retrieve(
             open_route(route), self.query, self.database, self.method, tolerance=self.tolerance, radius=self.radius,
-            selection=self.selection(), matching=self.matching(), progress=progress,
+            selection=self.selection(), matching=self.matching(), query_frames=asking, progress=progress,
         )  # fmt: skip
 
 

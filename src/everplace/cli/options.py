@@ -11,9 +11,33 @@ from everplace.choices import SequenceMethod, Standardisation
 from everplace.errors import ConfigError
 
 __all__ = [
-    "AnySize", "Conditions", "Database", "DropDark", "DropStationary", "Epochs", "Frames", "Grey", "ImageSize", "Json",
-    "Method", "Minutes", "OutDirectory", "OutFile", "Query", "Radius", "RouteArgument", "Seed", "Sequence",
-    "SequenceSearch", "Standardise", "Tolerance", "only_given", "split_names",
+    "AnySize",
+    "Conditions",
+    "Database",
+    "DropDark",
+    "DropStationary",
+    "Epochs",
+    "Frames",
+    "Grey",
+    "ImageSize",
+    "Json",
+    "Method",
+    "Minutes",
+    "OutDirectory",
+    "OutFile",
+    "Query",
+    "QueryFrames",
+    "Radius",
+    "RouteArgument",
+    "Seed",
+    "Sequence",
+    "SequenceSearch",
+    "SourceOptions",
+    "Standardise",
+    "Tolerance",
+    "given_pairs",
+    "only_given",
+    "split_names",
 ]  # fmt: skip
 
 RouteArgument = Annotated[Path, typer.Argument(metavar="ROUTE", help="Directory with one sub-directory a traverse.")]
@@ -39,6 +63,10 @@ ImageSize = Annotated[
 AnySize = Annotated[
     tuple[int, int] | None, typer.Option("--image-size", metavar="H W", help="Height and width in pixels.")
 ]
+QueryFrames = Annotated[
+    str,
+    typer.Option("--query-frames", metavar="A:B", help="Of the places those that ask; all of them are the map [all]."),
+]
 Grey = Annotated[bool, typer.Option("--grey", help="Use grey images.")]
 Epochs = Annotated[int | None, typer.Option("--epochs", min=1, help="Passes over the training frames.")]
 Minutes = Annotated[float | None, typer.Option("--minutes", help="Stop after so many minutes of training.")]
@@ -55,7 +83,10 @@ Radius = Annotated[
 ]
 Standardise = Annotated[
     Standardisation | None,
-    typer.Option("--standardise", help="Subtract each traverse's mean (full: and divide by its spread)."),
+    typer.Option(
+        "--standardise",
+        help="Subtract each traverse's mean (full: and divide by its spread; running: the mean so far).",
+    ),
 ]
 Sequence = Annotated[
     int, typer.Option("--sequence", min=1, metavar="L", help="Score places by the last L frames, not by one.")
@@ -68,6 +99,28 @@ SequenceSearch = Annotated[
         "seqslam wants an even speed, mean the map's own.",
     ),
 ]
+
+SourceOptions = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="An option of the kind; may be given several times."),
+]
+
+
+def given_pairs(given: list[str] | None) -> dict[str, str]:
+    """Reads what `--set` gave, `NAME=VALUE` each.
+
+    Raises:
+        ConfigError: There is no `=`, or a name comes twice.
+    """
+    pairs: dict[str, str] = {}
+    for text in given or []:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ConfigError(f"--set {text!r} is not NAME=VALUE; write it like --set size=64x32")
+        if name in pairs:
+            raise ConfigError(f"--set {name} is given twice; keep one (a list's items are separated by commas)")
+        pairs[name] = value
+    return pairs
 
 
 def split_names(text: str, option: str = "") -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from everplace.cli.option_names import with_options
 from everplace.errors import ConfigError, SettingError
 from everplace.files import STANDARD_OUTPUT, is_special, json_text, readable
 from everplace.progress import Progress
@@ -19,7 +20,7 @@ from everplace.progress import Progress
 if TYPE_CHECKING:
     from everplace.describe.describer import Describer
     from everplace.route.route import Route
-    from everplace.scoring.retrieval import Retrieval
+    from everplace.scoring.retrieval import MatchRule, Retrieval
 
 __all__ = [
     "named_settings",
@@ -33,8 +34,8 @@ __all__ = [
     "show_progress",
     "show_result",
     "warn",
+    "warn_of_methods",
     "warn_of_retrieval",
-    "warn_of_seen_places",
 ]
 
 T = TypeVar("T")
@@ -78,21 +79,32 @@ def provenance() -> dict[str, str]:
 
 def warn(message: str) -> None:
     """Says something on stderr that the user should know, though the work goes on."""
-    print(f"everplace: {message}", file=sys.stderr)
+    print(f"everplace: {with_options(message)}", file=sys.stderr)
 
 
-def warn_of_seen_places(describers: Mapping[str, Describer], route: Route, advice: str) -> None:
-    """Warns of every method, by label, that was trained on or chosen by some of the places; `advice` is the remedy."""
-    from everplace.experiments.evaluation import seen_places, seen_sentence
+def warn_of_methods(describers: Mapping[str, Describer], route: Route, rule: MatchRule | None, advice: str) -> None:
+    """Warns of scores that are no test of a method.
+
+    Args:
+        describers: Methods by label.
+        route: The tested route.
+        rule: When a match is right, fully resolved.
+        advice: What to do where places were trained on.
+    """
+    from everplace.experiments.trust import circular_sentence, seen_places, seen_sentence
 
     for label, describer in describers.items():
         if seen := seen_places(describer, route):
-            warn(f"{seen_sentence(label, seen)} {advice}")
+            warn(f"{seen_sentence(label, describer, seen)} {advice}")
+        if circular := circular_sentence(label, describer, route, rule):
+            warn(circular)
 
 
 def warn_of_retrieval(result: Retrieval, method: str, advice: str) -> None:
-    """Warns of scores that say little: of places that the method had seen, and of a traverse that finds itself."""
-    warn_of_seen_places({method: result.describer}, result.pair.route, advice)
+    """Warns of scores that are not there or say little: of places that the method had seen, of a drive's own frames."""
+    if result.why_unscored:
+        warn(f"there are no scores: {result.why_unscored}")
+    warn_of_methods({method: result.describer}, result.pair.tested, result.rule, advice)
     if result.pair.warning:
         warn(result.pair.warning)
 
@@ -189,12 +201,15 @@ def _directories(route: Path) -> list[Path]:
 
 
 @contextlib.contextmanager
-def named_settings(options: Collection[str], config: Path | None = None) -> Iterator[None]:
+def named_settings(
+    options: Collection[str], config: Path | None = None, *, called: Mapping[str, str] | None = None
+) -> Iterator[None]:
     """Says of a setting that is wrong which option gives it, or else which file.
 
     Args:
         options: Settings that were given by the options of the same names.
         config: The file of the others.
+        called: The options of settings that have another name.
 
     Raises:
         ConfigError: Instead of the SettingError.
@@ -203,7 +218,8 @@ def named_settings(options: Collection[str], config: Path | None = None) -> Iter
         yield
     except SettingError as error:
         if error.setting.split(".")[0] in options:
-            raise ConfigError(f"--{error.setting.replace('_', '-')}: {error.message}") from None
+            option = (called or {}).get(error.setting, error.setting)
+            raise ConfigError(f"--{option.replace('_', '-')}: {error.message}") from None
         if config is not None:
             raise ConfigError(f"--config {readable(config)}: {error}") from None
         raise

@@ -10,6 +10,7 @@ import typer
 from everplace.cli import options
 from everplace.cli.option_groups import RetrievalOptions, RouteOptions, grouped
 from everplace.cli.output import require_picture, show_progress, show_result, warn_of_retrieval
+from everplace.cli.registering import register
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -103,35 +104,37 @@ def translate(
 def matrix(
     route: options.RouteArgument, *, asked: RetrievalOptions, out: options.OutFile, as_json: options.Json = False
 ) -> None:
-    """Draw the similarity matrix with its truth and the best matches.
+    """Draw the similarity matrix with the best matches, and its truth unless the drives are not aligned.
 
     Example: everplace show matrix my-route --method hog --database summer --query winter --out matrix.png
     """
     require_picture(out, route)
+    found = _retrieve(route, asked)
     from everplace.experiments.retrieval_pictures import matrix_figure
 
-    _save(matrix_figure(*_retrieve(route, asked)), out, as_json)
+    _save(matrix_figure(*found), out, as_json)
 
 
 @grouped
 def matches(
     route: options.RouteArgument, *, asked: RetrievalOptions, out: options.OutFile, as_json: options.Json = False
 ) -> None:
-    """Draw a gallery of right and wrong matches.
+    """Draw a gallery of right and wrong matches; of drives that are not aligned, of best matches.
 
     Example: everplace show matches my-route --method hog --database summer --query winter --out matches.png
     """
     require_picture(out, route)
+    found = _retrieve(route, asked)
     from everplace.experiments.retrieval_pictures import match_figure
 
-    _save(match_figure(*_retrieve(route, asked)), out, as_json)
+    _save(match_figure(*found), out, as_json)
 
 
 def _retrieve(route: Path, asked: RetrievalOptions) -> tuple[Retrieval, str]:
     """What was found, and what titles call the method."""
+    result = asked.retrieve(route, show_progress())
     from everplace.experiments.recipe_names import named_method
 
-    result = asked.retrieve(route, show_progress())
     warn_of_retrieval(result, asked.method, "Show others with --frames")
     return result, named_method(result.describer.method, result.describer.settings())
 
@@ -160,4 +163,4 @@ def _save(figure: Figure, out: Path, as_json: bool) -> None:
 
 app = typer.Typer(help="Draw one picture: swap, constant, translate, matrix or matches.", no_args_is_help=True)
 for _command in (swap, constant, translate, matrix, matches):
-    app.command(_command.__name__)(_command)
+    register(app, _command)

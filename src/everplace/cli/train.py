@@ -18,7 +18,7 @@ from everplace.cli.output import (
     show_progress,
     show_result,
 )
-from everplace.errors import ConfigError
+from everplace.errors import ConfigError, StoppedError
 from everplace.files import readable
 
 __all__ = ["train"]
@@ -74,6 +74,15 @@ def train(
 
     Example: everplace train my-route --model cp-vae --image-size 224 224 --epochs 40 --out runs/cp-vae
     """
+    require_directory(out)
+    require_outside(out, route)
+    # Before torch is imported, which takes seconds.
+    from everplace.route.route import open_route
+    from everplace.training.select_route import require_places
+
+    if config is None:
+        places.selection()
+        require_places(places.chosen(route), model)
     from everplace.settings import read_toml
     from everplace.training.fitted_methods import FITTED_METHODS, build_config, fit_method
 
@@ -90,21 +99,21 @@ def train(
     with named_settings(given, config):
         checked = build_config(**values)
 
-    from everplace.route.route import open_route
-    from everplace.training.run_directory import leads
+    from everplace.training.run_directory import leads, what_stands
 
-    require_directory(out)
-    require_outside(out, route)
-    summary = fit_method(
-        open_route(route),
-        checked,
-        out,
-        resume=resume,
-        devices=devices,
-        nodes=nodes,
-        save_every=save_every,
-        progress=show_progress(),
-        show=True,
-    )
+    try:
+        summary = fit_method(
+            open_route(route),
+            checked,
+            out,
+            resume=resume,
+            devices=devices,
+            nodes=nodes,
+            save_every=save_every,
+            progress=show_progress(),
+            show=True,
+        )
+    except KeyboardInterrupt:
+        raise StoppedError(f"stopped; {what_stands(out)}") from None
     if leads(devices * nodes):
         show_result(asdict(summary), as_json)

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,12 +24,38 @@ from everplace.describe.registry import open_describer
 from everplace.errors import MethodError, RouteError
 from everplace.images.decoding import decode_images
 
-__all__ = ["peak_memory", "time_describer"]
+__all__ = ["COST_DEFINITIONS", "ImageTime", "peak_memory", "time_describer"]
+
+COST_DEFINITIONS = {
+    "dimension": "Numbers in a descriptor.",
+    "bytes": "Bytes of a descriptor, as float32.",
+    "ms/image": "Median milliseconds to describe one decoded image alone, over 32; opening the method is not counted.",
+    "peak MB": "Largest resident memory, in 10^6 bytes, of a process of its own that opens the method and describes 64 "
+    "images in batches: Python, libraries and weights count, memory of a GPU does not.",
+}
+"""One sentence for every cost, by its column in the tables."""
 
 _MEGABYTE = 10**6
+_PROCESSOR_TIMES = Path("/proc/stat")
+_WATCHED_SECONDS = 0.2
+_MUCH_WORK = 0.2
+"""Of all processors; on two that is less than half of one."""
 
 
-def time_describer(describer: Describer, paths: Sequence[Path], *, frames: int = 32) -> float:
+@dataclass(frozen=True, slots=True)
+class ImageTime:
+    """How long a method takes for one image.
+
+    Attributes:
+        ms: Milliseconds.
+        beside_other_work: Whether other processes kept the machine busy meanwhile, so that it may take less.
+    """
+
+    ms: float
+    beside_other_work: bool
+
+
+def time_describer(describer: Describer, paths: Sequence[Path], *, frames: int = 32) -> ImageTime:
     """Measures how long a method takes for one image as it comes from a camera, alone.
 
     Args:
@@ -37,7 +64,7 @@ def time_describer(describer: Describer, paths: Sequence[Path], *, frames: int =
         frames: Number of images to time.
 
     Returns:
-        The median over the images, in milliseconds.
+        The median over the images.
 
     Raises:
         RouteError: There are no images.
@@ -46,13 +73,35 @@ def time_describer(describer: Describer, paths: Sequence[Path], *, frames: int =
     images = list(decode_images(paths[:frames], describer.image))
     if not images:
         raise RouteError("there are no images to time a method on; choose a directory or frames that hold some")
+    others = _other_work()
     describer.describe_batch(images[0][None])  # the first call also allocates and chooses kernels
     elapsed = []
     for image in images:
         start = time.perf_counter()
         describer.describe_batch(image[None])
         elapsed.append(time.perf_counter() - start)
-    return 1000 * float(np.median(elapsed))
+    return ImageTime(1000 * float(np.median(elapsed)), max(others, _other_work()) > _MUCH_WORK)
+
+
+def _other_work() -> float:
+    """The share of the machine's processors that others use while this process waits; 0 where nobody tells."""
+    before = _processor_time()
+    time.sleep(_WATCHED_SECONDS)
+    after = _processor_time()
+    if before is None or after is None or after[1] == before[1]:
+        return 0.0
+    return (after[0] - before[0]) / (after[1] - before[1])
+
+
+def _processor_time() -> tuple[int, int] | None:
+    """How long all processors together were busy since the machine started, and how long there was to be so."""
+    try:
+        first = _PROCESSOR_TIMES.read_text("ascii").splitlines()[0]
+    except (OSError, IndexError):  # no Linux
+        return None
+    # user, nice, system, idle, waiting for a disk, interrupts (2), stolen; guests are in the first two once more
+    times = [int(part) for part in first.split()[1:9]]
+    return sum(times) - sum(times[3:5]), sum(times)
 
 
 def peak_memory(method: str, paths: Sequence[Path], *, frames: int = 64) -> float | None:

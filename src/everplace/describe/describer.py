@@ -7,6 +7,7 @@ import operator
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from everplace.describe.batches import gather_batches
 from everplace.describe.files.descriptors import Descriptors, Metric, Settings
+from everplace.describe.recorded_frames import RecordedFrames
 from everplace.errors import ConfigError, DescriptorsError, MethodError, RouteError
 from everplace.files import readable
 from everplace.images.decoding import ImageSpec, convert_image, decode_images
@@ -43,6 +45,8 @@ class Describer(ABC):
         metric: How two of its descriptors are compared.
         batch: Images described at once where nobody asks for another number; fewer for a large network.
         seen_stems: Stems of the frames that it was fitted on or chosen by, which are no test of it.
+        seen_images: The images of these places, told by `everplace.route.fingerprint.image_digests`; empty where that
+            was not recorded.
         checkpoint: The trained network that it describes with, as the run directory holds it.
         latent_model: The same network where it is applied, if it has a latent to audit and to decode from.
     """
@@ -53,6 +57,7 @@ class Describer(ABC):
     metric: Metric = "cosine"
     batch: int = 32
     seen_stems: frozenset[str] = frozenset()
+    seen_images: frozenset[str] = frozenset()
     checkpoint: Checkpoint | None = None
     latent_model: ConditionVAE | None = None
 
@@ -73,35 +78,43 @@ class Describer(ABC):
 
     def describe(
         self,
-        images: Traverse | NDArray[np.uint8] | Sequence[NDArray[np.uint8]],
+        images: Traverse | RecordedFrames | NDArray[np.uint8] | Sequence[NDArray[np.uint8]],
         *,
         batch: int | None = None,
         progress: Progress = quiet,
     ) -> Descriptors:
-        """Describes the frames of a traverse, an image or several, of any size and in colour or grey.
+        """Describes the frames of a traverse or a recording, an image or several, of any size and in colour or grey.
 
         Memory holds the descriptors, two batches of images, what the method needs for one batch and the decoder's own
         small look-ahead, however long the traverse is.
 
         Args:
-            images: Such as `route["winter"]`; or one image H×W or H×W×3 (RGB), uint8, or a list of such.
+            images: Such as `route["winter"]`; a video or bag of `open_recording`; or one image H×W or H×W×3 (RGB),
+                uint8, or a list of such.
             batch: Largest number of images described at once; it changes speed and memory, not the result. None: what
                 the method asks for.
             progress: Shows how many images are described.
 
         Returns:
             N×D descriptors in the order of the images. Those of a traverse are named by the frames' stems and know
-            the names of their files; others are named "0", "1" and so on.
+            the names of their files; those of a recording by the numbers of the frames; others "0", "1" and so on.
 
         Raises:
             ConfigError: `batch` is below 1.
-            RouteError: There are no images.
+            RouteError: There are no images, or the recording is damaged.
             ImageError: An image cannot be decoded, or an array is none; nothing is returned.
             DescriptorsError: The method returned numbers that are not finite, or not one row an image.
 
         Warns:
-            UserWarning: Most descriptors of a traverse are equal, so they cannot tell its frames apart.
+            UserWarning: Most descriptors of a traverse or recording are equal, so they cannot tell its frames apart.
         """
+        batch = self.batch if batch is None else batch
+        if batch < 1:
+            raise ConfigError(f"a batch of {batch} images is not possible; give at least 1")
+        if isinstance(images, RecordedFrames):
+            return self._describe_recording(images, batch, progress)
+        names: tuple[str, ...]
+        image_names: tuple[str, ...] | None
         if isinstance(images, Traverse):
             names, image_names = images.stems, tuple(map(operator.add, images.stems, images.endings))
             decoded = decode_images(images.paths, self.image)
@@ -111,16 +124,20 @@ class Describer(ABC):
             decoded = (convert_image(array, self.image) for array in arrays)
         if not names:
             raise RouteError("there are no images to describe; choose a directory or frames that hold some")
-        batch = self.batch if batch is None else batch
-        if batch < 1:
-            raise ConfigError(f"a batch of {batch} images is not possible; give at least 1")
         values = np.empty((len(names), self.dimension), np.float32)
         for index, row in enumerate(progress(self._rows(decoded, batch), "describing", len(names))):
             values[index] = row
         described = Descriptors(values, names, self.method, self.metric, self.settings(), image_names)
         if isinstance(images, Traverse):
-            _warn_of_equal(values, images)
+            _warn_of_equal(values, images.root)
         return described
+
+    def _describe_recording(self, recording: RecordedFrames, batch: int, progress: Progress) -> Descriptors:
+        names: list[str] = []
+        rows = self._rows(recording.pixels(self.image, names), batch)
+        values = np.stack(list(progress(rows, f"describing {recording.drive.name}", recording.drive.count)))
+        _warn_of_equal(values, recording.path)
+        return Descriptors(values, tuple(names), self.method, self.metric, self.settings())
 
     def _rows(self, images: Iterator[NDArray[np.uint8]], batch: int) -> Iterator[NDArray[np.float32]]:
         with contextlib.closing(gather_batches(images, batch)) as batches:
@@ -131,8 +148,8 @@ class Describer(ABC):
                 yield from values
 
 
-def _warn_of_equal(values: NDArray[np.float32], traverse: Traverse) -> None:
-    """Warns where more than half of a traverse's descriptors are equal but for rounding, such as all zero."""
+def _warn_of_equal(values: NDArray[np.float32], source: Path) -> None:
+    """Warns where more than half of a drive's descriptors are equal but for rounding, such as all zero."""
     # Boyer and Moore's vote: if one row has a majority, it is the one that is left.
     common, votes = values[0], 0
     for row in values:
@@ -145,7 +162,7 @@ def _warn_of_equal(values: NDArray[np.float32], traverse: Traverse) -> None:
     if len(values) > 1 and 2 * equal > len(values):
         what = "equal" if common.any() else "zero"
         warnings.warn(
-            f"{equal} of the {len(values)} descriptors of {readable(traverse.root)} are {what}, so no score tells "
+            f"{equal} of the {len(values)} descriptors of {readable(source)} are {what}, so no score tells "
             "these frames apart; look at the images with everplace data inspect: are they black, or all the same?",
             stacklevel=3,
         )

@@ -7,6 +7,7 @@ from everplace.match.matching import Matching
 from everplace.scoring.retrieval import MatchRule
 
 __all__ = [
+    "UNKNOWN",
     "match_caption",
     "match_note",
     "matching_words",
@@ -15,6 +16,9 @@ __all__ = [
     "right_words",
     "score_words",
 ]
+
+UNKNOWN = "what is right is not known"
+"""What pictures say where the traverses are not aligned."""
 
 _SCORES: dict[Metric, str] = {
     "cosine": "cosine similarity",
@@ -48,23 +52,32 @@ def matching_words(matching: Matching) -> str:
     return "descriptors compared as they are" if matching == Matching() else str(matching)
 
 
-def match_note(truth: MatchRule, score: str) -> str:
+def match_note(truth: MatchRule | None, score: str) -> str:
     """What a gallery of matches says of its signs and numbers; `score` as of `score_words`."""
+    if truth is None:
+        return f"{UNKNOWN}; number: {score}"
     return f"right: {right_words(truth)}; number: {score}"
 
 
-def match_caption(truth: MatchRule, score: str) -> str:
+def match_caption(truth: MatchRule | None, score: str) -> str:
     """How to read a gallery of matches; `score` as of `score_words`."""
+    if truth is None:
+        return f"Best matches, spread over the queries; {UNKNOWN}. The number below a proposed frame: {score}."
     return (
         f"Right and wrong matches. A proposed frame counts as right {right_words(truth)}, so it need not be the very "
         f"frame that stands as the true one; the number below it: {score}."
     )
 
 
-def matrix_caption(query: str, database: str, truth: MatchRule, score: str) -> str:
+def matrix_caption(query: str, database: str, truth: MatchRule | None, score: str) -> str:
     """How to read a similarity matrix; `score` as of `score_words`."""
-    return (
+    read = (
         f"Each row is a frame of the query {query}, each column one of the database {database}; the brighter, the more "
-        f"alike ({score}). White outline: the frames that count as right, {right_words(truth)}. Ring: the best match "
+        f"alike ({score})."
+    )
+    if truth is None:
+        return f"{read} Ring: the best match of a query; {UNKNOWN}. Wanted: one bright line, and the rings on it."
+    return (
+        f"{read} White outline: the frames that count as right, {right_words(truth)}. Ring: the best match "
         "of a query, where it is right; cross: where it is wrong. Wanted: bright within the outline and dark elsewhere."
     )

@@ -16,9 +16,10 @@ from everplace.describe.files.descriptors import Descriptors
 from everplace.errors import ConfigError, MethodError
 from everplace.experiments.comparison_methods import Methods
 from everplace.experiments.comparison_parts import PARTS, MethodResult, PairResult, Part
-from everplace.experiments.evaluation import audit_pair, seen_places, seen_sentence
+from everplace.experiments.evaluation import audit_pair, precision_metrics
 from everplace.experiments.manifest import MANIFEST, Study, require_same_study
 from everplace.experiments.recipe_names import named_recipe, recipe_metrics
+from everplace.experiments.trust import circular_sentence, seen_places, seen_sentence, truth_source
 from everplace.files import remove_leftovers, write_json
 from everplace.locking import locked
 from everplace.match.matching import Matching
@@ -64,6 +65,11 @@ class Comparison:
         return self.study.route
 
     @property
+    def truth_source(self) -> str:
+        """Where it is known from which frames show the same place: a part of a sentence."""
+        return str(truth_source(self.route, self.study.truth))
+
+    @property
     def places(self) -> int:
         """Frames of the shortest traverse: where stems tell the places, those that all traverses have."""
         return min(map(len, self.route.traverses))
@@ -78,21 +84,45 @@ class Comparison:
 
     @property
     def remarks(self) -> list[str]:
-        """What must stand at every table: the remedies of each run, and how many tested places it had seen."""
+        """What must stand at every table: remedies of each run, tested places it had seen, a truth that it made."""
         named = {label: named_recipe(one.settings()) for label, one in self.describers.items()}
         told = [f"{label}: {recipe}" for label, recipe in named.items() if recipe is not None]
-        seen = [seen_sentence(label, count) for label, count in self.trained_places.items() if count]
-        return told + seen
+        seen = [
+            seen_sentence(label, self.describers[label], count) for label, count in self.trained_places.items() if count
+        ]
+        circular = [
+            circular_sentence(label, one, self.route, self.study.truth) for label, one in self.describers.items()
+        ]
+        return told + seen + [sentence for sentence in circular if sentence]
 
     @property
     def trained_places(self) -> dict[str, int]:
-        """By label, how many of the tested stems the method was trained on or chosen by."""
+        """By label, how many of the tested places the method was trained on or chosen by."""
         return {label: seen_places(one, self.route) for label, one in self.describers.items()}
 
     @property
     def notes(self) -> list[str]:
         """What else a reader must know, one sentence each."""
-        return [one.unmeasured for one in self.methods.values() if one.unmeasured]
+        busy = [label for label, one in self.methods.items() if one.beside_other_work]
+        beside = f"ms/image of {', '.join(busy)} was measured beside other work, so it may be too high."
+        return [one.unmeasured for one in self.methods.values() if one.unmeasured] + ([beside] if busy else [])
+
+    @property
+    def footnotes(self) -> list[str]:
+        """What needs no warning, but would puzzle a reader of the tables."""
+        if self.study.matching.sequence > 1:  # whose scores depend on what was driven before
+            return []
+        same = [
+            label
+            for label, one in self.methods.items()
+            if self.describers[label].metric != "place-posterior" and _same_in_both_directions(one)
+        ]
+        if not same:
+            return []
+        return [
+            f"AP of {', '.join(same)} is the same in both directions of a pair: it looks at all pairs of frames, "
+            "whichever side asks, and a pair scores the same both ways."
+        ]
 
     @property
     def audits(self) -> dict[str, Audit]:
@@ -106,6 +136,8 @@ class Comparison:
             "protocol": self.route.protocol,
             "places": self.places,
             **self.study.truth.metrics(),
+            "truth_from": self.truth_source,
+            "aligned_by": self.route.aligned_by,
             **self.study.matching.metrics(),
             "pairs": [
                 {
@@ -114,7 +146,10 @@ class Comparison:
                     "methods": {
                         label: {
                             **one.scores.to_dict(),
+                            **precision_metrics(one.precision_table),
                             **self.methods[label].costs(),
+                            "measured_beside_other_work": self.methods[label].beside_other_work,
+                            **({"frame_by_frame": one.frame_by_frame.to_dict()} if one.frame_by_frame else {}),
                             **({"new_place": one.new_place} if one.new_place is not None else {}),
                         }
                         for label, one in results.items()
@@ -207,7 +242,7 @@ def compare_methods(
 def _run(study: Study, describer: Describer, source: str | None, part: Part, progress: Progress) -> MethodResult:
     """One method on all pairs; only its own descriptors, and one similarity matrix, are in memory."""
     route = study.route
-    ms_per_image = shown(
+    image_time = shown(
         progress, f"timing {describer.method}", lambda: time_describer(describer, route.traverses[0].paths)
     )
     peak, unmeasured = shown(progress, f"memory of {describer.method}", lambda: _peak_memory(source, route))
@@ -220,9 +255,22 @@ def _run(study: Study, describer: Describer, source: str | None, part: Part, pro
     for query, database in progress(ordered, f"scoring {describer.method}", len(ordered)):
         pair = pair_of(route, query.name, database.name)
         one = retrieve_pair(pair, describer, study.truth, study.matching, described=described)
-        pairs[query.name, database.name] = PairResult(one.scores, one.curve, one.new_place)
+        assert one.scores is not None  # a study has a truth
+        assert one.curve is not None
+        assert one.precision_table is not None
+        pairs[query.name, database.name] = PairResult(
+            one.scores, one.curve, one.precision_table, one.frame_by_frame, one.new_place
+        )
     audited = shown(progress, f"auditing {describer.method}", lambda: audit_pair(describer, route, study.truth, quiet))
-    return MethodResult(pairs, describer.dimension, ms_per_image, peak, unmeasured, audited)
+    return MethodResult(
+        pairs, describer.dimension, image_time.ms, image_time.beside_other_work, peak, unmeasured, audited
+    )
+
+
+def _same_in_both_directions(result: MethodResult) -> bool:
+    """Whether the average precision does not depend on which traverse asks."""
+    precision = {pair: one.scores.average_precision for pair, one in result.pairs.items()}
+    return all(np.isclose(precision[pair], precision[pair[::-1]], rtol=1e-6) for pair in precision)
 
 
 def _peak_memory(source: str | None, route: Route) -> tuple[float | None, str]:
@@ -243,7 +291,7 @@ def _told(describer: Describer) -> dict[str, str | int | float | bool]:
 def _suited(describers: dict[str, Describer], matching: Matching) -> tuple[dict[str, Describer], dict[str, str]]:
     """The methods to which the options of the match apply, and those left out, with the reason."""
     unsuited = {
-        label: f"--standardise {matching.standardise} does not apply to the words of {describer.method}"
+        label: f"`standardise` {matching.standardise} does not apply to the words of {describer.method}"
         for label, describer in describers.items()
         if matching.standardise is not None and not standardisable(describer.metric)
     }

@@ -23,7 +23,7 @@ from everplace.training.run_directory import require_usable
 
 __all__ = ["Methods", "fit", "fit_and_open", "require_fit_settings", "run_of", "select_tested"]
 
-_FIT_FRAMES = "--fit-frames"
+_FIT_FRAMES = "`fit_frames`"
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def select_tested(
         RouteError: Nothing is left of the route.
     """
     if not methods:
-        raise ConfigError("--methods names no method; give run directories, sad, hog, ..., separated by commas")
+        raise ConfigError("`methods` names no method; give run directories, sad, hog, ..., separated by commas")
     if fit_frames:
         parse_frames(fit_frames, _FIT_FRAMES)
     fitted = [method for method in methods if method in FITTED_METHODS]
@@ -137,7 +137,7 @@ def fit_and_open(
                     left_out[method] = str(error)
     reasons = {label: left_out[method] for method, label in labels.items() if method in left_out}
     if not opened:
-        raise ConfigError(f"--methods {','.join(methods)}: none of them can run: {'; '.join(reasons.values())}")
+        raise ConfigError(f"`methods` {','.join(methods)}: none of them can run: {'; '.join(reasons.values())}")
     found = {method: label for method, label in labels.items() if method in opened}
     return Methods(
         {label: opened[method] for method, label in found.items()},
@@ -203,7 +203,7 @@ def _require_same_run(out: Path, name: str, config: FitConfig) -> None:
 
 def _other_study(out: Path, name: str, error: OtherRunError) -> OtherRunError:
     return OtherRunError(
-        f"{readable(out)} holds a study with other settings ({name}: {error.difference}); name another --out, or "
+        f"{readable(out)} holds a study with other settings ({name}: {error.difference}); name another `out`, or "
         "remove it",
         error.difference,
     )
@@ -236,7 +236,7 @@ def _directory_name(path: Path) -> str:
 
 def _require_apart(route: Route, frames: slice | None, fit_frames: str, fitted: Sequence[str]) -> None:
     if not fit_frames:
-        raise ConfigError(f"{', '.join(fitted)} must be fitted: give --fit-frames A:B, places that --frames leaves out")
+        raise ConfigError(f"{', '.join(fitted)} must be fitted: give `fit_frames` A:B, places that `frames` leaves out")
     total = min(len(traverse) for traverse in route.traverses)
     tested = range(total)[frames if frames is not None else slice(None)]
     fitted_on = range(total)[parse_frames(fit_frames, _FIT_FRAMES)]
@@ -247,6 +247,6 @@ def _require_apart(route: Route, frames: slice | None, fit_frames: str, fitted: 
     both = set(tested).intersection(fitted_on)
     if both:
         raise ConfigError(
-            f"--fit-frames {fit_frames} and --frames share {len(both)} places, from {min(both)} to {max(both)}; "
+            f"`fit_frames` {fit_frames} and `frames` share {len(both)} places, from {min(both)} to {max(both)}; "
             "a method may not be fitted on the places it is tested on"
         )

@@ -25,6 +25,7 @@ from everplace.errors import DescriptorsError
 from everplace.files import remove_file, write_json, write_text
 from everplace.progress import Progress, quiet
 from everplace.route.traverse import Traverse
+from everplace.scoring.precision_table import AtPrecision
 from everplace.scoring.scores import PrecisionRecall, Scores
 
 __all__ = ["PARTS", "MethodResult", "PairResult", "Part", "keep_pictures"]
@@ -33,7 +34,7 @@ PARTS = "parts"
 
 _RESULT = "result.json"
 _PICTURES = "pictures.json"
-_COSTS = ("dimension", "ms_per_image", "peak_memory_mb", "unmeasured")
+_COSTS = ("dimension", "ms_per_image", "beside_other_work", "peak_memory_mb", "unmeasured")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +44,15 @@ class PairResult:
     Attributes:
         scores: See `everplace.scoring.scores`.
         curve: The best-match precision-recall curve.
+        precision_table: See `everplace.scoring.precision_table`.
+        frame_by_frame: The scores without sequences, where sequences are matched.
         new_place: See `everplace.scoring.retrieval.Retrieval`.
     """
 
     scores: Scores
     curve: PrecisionRecall
+    precision_table: dict[str, AtPrecision]
+    frame_by_frame: Scores | None = None
     new_place: dict[str, float] | None = None
 
 
@@ -59,6 +64,7 @@ class MethodResult:
         pairs: By (query, database) traverse name.
         dimension: Numbers in a descriptor.
         ms_per_image: Description alone, see `everplace.describe.costs.time_describer`.
+        beside_other_work: Whether other processes kept the machine busy while that was measured.
         peak_memory_mb: See `everplace.describe.costs.peak_memory`; None where it could not be measured.
         unmeasured: Why the peak memory could not be measured, if that failed.
         audit: The leakage audit, for the VAE family.
@@ -67,6 +73,7 @@ class MethodResult:
     pairs: dict[tuple[str, str], PairResult]
     dimension: int
     ms_per_image: float
+    beside_other_work: bool = False
     peak_memory_mb: float | None = None
     unmeasured: str = ""
     audit: Audit | None = None
@@ -170,6 +177,8 @@ def _pair_document(query: str, database: str, result: PairResult) -> dict[str, A
         "scores": result.scores.to_dict(),
         "curve": {name: values.tolist() for name, values in curve.items()},
         "threshold_type": str(result.curve.threshold.dtype),
+        "precision_table": {name: row.to_dict() for name, row in result.precision_table.items()},
+        "frame_by_frame": None if result.frame_by_frame is None else result.frame_by_frame.to_dict(),
         "new_place": result.new_place,
     }
 
@@ -178,5 +187,9 @@ def _pair_result(document: dict[str, Any]) -> PairResult:
     curve = {name: np.array(values, np.float64) for name, values in document["curve"].items()}
     curve["threshold"] = curve["threshold"].astype(np.dtype(document["threshold_type"]))
     return PairResult(
-        TypeAdapter(Scores).validate_python(document["scores"]), PrecisionRecall(**curve), document["new_place"]
+        TypeAdapter(Scores).validate_python(document["scores"]),
+        PrecisionRecall(**curve),
+        TypeAdapter(dict[str, AtPrecision]).validate_python(document["precision_table"]),
+        TypeAdapter(Scores | None).validate_python(document["frame_by_frame"]),
+        document["new_place"],
     )

@@ -17,7 +17,9 @@ from everplace.experiments.captions import (
 from everplace.experiments.comparison import COSTS, SCORES, Cell, Comparison
 from everplace.experiments.comparison_parts import PairResult, keep_pictures
 from everplace.experiments.latent_report import audit_section, latent_section
+from everplace.experiments.lead import comparison_lead, sequence_sentence
 from everplace.experiments.manifest import DEFINITIONS
+from everplace.experiments.precision_section import precision_section
 from everplace.experiments.recipe_names import named_method
 from everplace.experiments.retrieval_pictures import match_figure, matrix_figure, score_of, title_of
 from everplace.files import json_text, write_json, write_text
@@ -26,12 +28,13 @@ from everplace.plots.canvas import new_figure, save_figure
 from everplace.plots.interactive_curves import precision_recall_figure
 from everplace.plots.precision_recall import draw_precision_recall_panels
 from everplace.report.html import Report, Section
+from everplace.scoring.precision_table import good_enough_for
 from everplace.scoring.retrieval import pair_of
 
 __all__ = ["write_comparison"]
 
 
-_FEW_PAIRS = 6
+_FEW_PAIRS = 2
 """With more, a pair shows the pictures of its best method alone, fewer matches, at the page's own resolution."""
 
 _MOST_COLUMNS = 8
@@ -53,7 +56,8 @@ def write_comparison(comparison: Comparison, out: Path, *, title: str, details: 
     right, matching = right_words(comparison.study.truth), matching_words(comparison.study.matching)
     subtitle = f"{route.title}: {comparison.places} places, {right}, {matching}"
     names = _names(comparison)
-    report = Report(title, subtitle=subtitle, details=details)
+    found = {names[label]: comparison.mean("recall@1", label) for label in comparison.methods}
+    report = Report(title, subtitle=subtitle, lead=comparison_lead(found, len(comparison.results)), details=details)
     panels = {
         pair: {names[label]: one.curve for label, one in results.items()}
         for pair, results in comparison.results.items()
@@ -95,6 +99,8 @@ def _summary(report: Report, comparison: Comparison, panels: Figure) -> None:
         section.paragraph(f"{method} was left out: {reason}")
     for note in comparison.notes:
         section.paragraph(note)
+    for footnote in comparison.footnotes:
+        section.paragraph(footnote)
     section.figure(
         panels,
         alt=f"Precision-recall curves of {len(comparison.methods)} methods, a panel for each ordered pair.",
@@ -110,7 +116,8 @@ def _say_remarks(section: Section, comparison: Comparison) -> None:
 
 def _how(report: Report, comparison: Comparison) -> None:
     section = report.section("How it was measured")
-    section.table(["what", "definition"], [[name, text] for name, text in DEFINITIONS.items()])
+    told = {"truth": f"What is right is known from {comparison.truth_source}.", **DEFINITIONS}
+    section.table(["what", "definition"], [[name, text] for name, text in told.items()])
     section.folded("Manifest", json_text(comparison.manifest))
 
 
@@ -130,11 +137,16 @@ def _pair_section(
     )
     header, rows = comparison.table(names)
     section.table(header, rows, best=dict.fromkeys(SCORES, "highest"))
+    alone = {shown[label]: one.frame_by_frame for label, one in results.items() if one.frame_by_frame is not None}
+    together = {shown[label]: one.scores for label, one in results.items()}
+    if said := sequence_sentence(comparison.study.matching, alone, together):
+        section.paragraph(said)
     _say_remarks(section, comparison)
     many = len(comparison.results) > _FEW_PAIRS
     for label in _shown(comparison, areas)[-1 if many else 0 :]:
         result = comparison.retrieval(pair, label)
         title, score = title_of(result, shown[label]), score_of(result)
+        precision_section(section, shown[label], results[label].precision_table, score)
         section.figure(
             matrix_figure(result, shown[label]),
             alt=f"Similarity matrix of {title}.",
@@ -146,6 +158,7 @@ def _pair_section(
             alt=f"Matches of {title}.",
             caption=match_caption(result.rule, score),
             dpi=96 if many else 192,
+            photos=True,
         )
 
 
@@ -166,16 +179,20 @@ def _shown(comparison: Comparison, areas: Mapping[str, float]) -> list[str]:
 
 def _markdown(comparison: Comparison) -> str:
     right, matching = right_words(comparison.study.truth), matching_words(comparison.study.matching)
-    lines = [f"{comparison.route.title}: {right}, {matching}", ""]
+    lines = [f"{comparison.route.title}: {right}, {matching}", "", f"Truth: {comparison.truth_source}", ""]
     if len(comparison.results) > 2:
         lines += ["**Mean over all ordered pairs**", "", *_markdown_table(*comparison.table()), ""]
     for query, database in comparison.results:
         table = comparison.table((query, database))
         lines += [f"**{_capitalised(pair_words(query, database))}**", "", *_markdown_table(*table), ""]
+        results = comparison.results[query, database]
+        best = _shown(comparison, {label: one.scores.auc_pr for label, one in results.items()})[-1]
+        lines += [f"{best}: {good_enough_for(results[best].precision_table)}", ""]
     lines += [f"{remark}  " for remark in comparison.remarks]
     lines += [f"{method} was left out: {reason}  " for method, reason in comparison.left_out.items()]
     lines += [f"{note}  " for note in comparison.notes]
-    if comparison.remarks or comparison.left_out or comparison.notes:
+    lines += [f"{footnote}  " for footnote in comparison.footnotes]
+    if comparison.remarks or comparison.left_out or comparison.notes or comparison.footnotes:
         lines += [""]
     lines += [f"{name}: {DEFINITIONS[name]}  " for name in COSTS]
     return "\n".join(lines).rstrip() + "\n"

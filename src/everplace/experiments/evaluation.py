@@ -1,48 +1,31 @@
-"""`everplace evaluate`: one method on one pair of conditions, with its report."""
+"""`everplace evaluate`: one method on one pair of conditions."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, fields
 from typing import Any
 
+import numpy as np
+
 from everplace.audit.leakage import Audit, audit
-from everplace.describe.costs import time_describer
+from everplace.describe.costs import ImageTime, time_describer
 from everplace.describe.describer import Describer
-from everplace.experiments.captions import (
-    match_caption,
-    matching_words,
-    matrix_caption,
-    pair_words,
-    right_words,
-)
-from everplace.experiments.latent_report import LATENT_PICTURES, audit_section, latent_section
-from everplace.experiments.manifest import DEFINITIONS
-from everplace.experiments.recipe_names import named_method, named_recipe, recipe_metrics
-from everplace.experiments.retrieval_pictures import match_figure, matrix_figure, score_of, title_of
-from everplace.files import filled_directory, remove_file, write_json
-from everplace.plots.canvas import save_figure
-from everplace.plots.interactive_curves import precision_recall_figure
+from everplace.experiments.recipe_names import recipe_metrics
+from everplace.experiments.trust import seen_places, truth_source
 from everplace.progress import Progress, quiet
-from everplace.report.html import Report
-from everplace.report.table_cells import Value
 from everplace.route.pack import pack
 from everplace.route.route import Route
+from everplace.scoring.precision_table import AtPrecision, good_enough_for
 from everplace.scoring.retrieval import MatchRule, Retrieval
+from everplace.scoring.scores import Scores
 
 __all__ = [
     "Evaluation",
     "audit_pair",
     "evaluate_retrieval",
-    "score_facts",
-    "seen_places",
-    "seen_sentence",
-    "write_evaluation",
+    "precision_metrics",
 ]
-
-
-_METRICS = "metrics.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,14 +35,14 @@ class Evaluation:
     Attributes:
         result: Scores, curve and similarity.
         audit: The leakage audit; None unless the method is of the VAE family and the traverses are aligned.
-        ms_per_image: Description alone, see `everplace.describe.costs.time_describer`.
-        trained_places: Tested stems that the model was trained on or chosen by.
+        image_time: Description alone, see `everplace.describe.costs.time_describer`.
+        trained_places: Tested places that the model was trained on or chosen by.
         source: The method as it was given, such as the path of a run.
     """
 
     result: Retrieval
     audit: Audit | None
-    ms_per_image: float
+    image_time: ImageTime
     trained_places: int
     source: str
 
@@ -79,15 +62,51 @@ class Evaluation:
             "query_condition": result.query.condition,
             "database_condition": result.database.condition,
             "protocol": result.pair.route.protocol,
-            **result.scores.to_dict(),
-            **result.rule.metrics(),
+            **self._scores(),
+            **(result.rule or MatchRule()).metrics(),
+            "truth_from": truth_source(result.pair.route, result.rule),
+            "aligned_by": result.pair.route.aligned_by,
             **result.matching.metrics(),
             "dimension": result.describer.dimension,
-            "ms_per_image": round(self.ms_per_image, 4),
+            "ms_per_image": round(self.image_time.ms, 4),
+            "measured_beside_other_work": self.image_time.beside_other_work,
             "trained_places_tested": self.trained_places,
             **({"new_place": result.new_place} if result.new_place is not None else {}),
             **({"audit": self.audit.to_dict()} if self.audit is not None else {}),
         }
+
+    def _scores(self) -> dict[str, Any]:
+        """The scores; where nobody knows what is right they are None, and what can be said stands beside them."""
+        result = self.result
+        if result.scores is not None and result.precision_table is not None:
+            alone = result.frame_by_frame
+            return {
+                **result.scores.to_dict(),
+                **precision_metrics(result.precision_table),
+                **({"frame_by_frame": alone.to_dict()} if alone is not None else {}),
+            }
+        best = result.similarity.max(axis=1)
+        return {
+            **dict.fromkeys([*(field.name for field in fields(Scores)), *PRECISION_METRICS]),
+            "queries": len(result.query),
+            "database": len(result.database),
+            "unscored": result.why_unscored,
+            "match_scores": {
+                "kind": result.matching.score_kind(result.describer.metric),
+                "lowest": float(best.min()),
+                "median": float(np.median(best)),
+                "highest": float(best.max()),
+            },
+        }
+
+
+PRECISION_METRICS = ("precision_table", "good_enough_for")
+
+
+def precision_metrics(table: Mapping[str, AtPrecision]) -> dict[str, Any]:
+    """What metrics.json says of choosing a threshold, by `PRECISION_METRICS`."""
+    rows = {name: row.to_dict() for name, row in table.items()}
+    return dict(zip(PRECISION_METRICS, (rows, good_enough_for(table)), strict=True))
 
 
 def evaluate_retrieval(result: Retrieval, source: str, progress: Progress = quiet) -> Evaluation:
@@ -105,27 +124,13 @@ def evaluate_retrieval(result: Retrieval, source: str, progress: Progress = quie
     return Evaluation(
         result=result,
         audit=audit_pair(describer, route, result.rule, progress),
-        ms_per_image=time_describer(describer, result.query.paths),
-        trained_places=seen_places(describer, route),
+        image_time=time_describer(describer, result.query.paths),
+        trained_places=seen_places(describer, result.pair.tested),
         source=source,
     )
 
 
-def seen_places(describer: Describer, route: Route) -> int:
-    """How many of a route's stems a model was trained on or chosen by: the scores are no test of these."""
-    stems = {stem for traverse in route.traverses for stem in traverse.stems}
-    return len(stems & describer.seen_stems)
-
-
-def seen_sentence(label: str, count: int) -> str:
-    """Says that the scores of a method are no test of `count` places."""
-    return (
-        f"{count} of the tested places carry the names of places that {label} was trained on or chosen by: if it is "
-        "the same route, its scores say how well it remembers them, not how well it recognises."
-    )
-
-
-def audit_pair(describer: Describer, route: Route, truth: MatchRule, progress: Progress = quiet) -> Audit | None:
+def audit_pair(describer: Describer, route: Route, truth: MatchRule | None, progress: Progress = quiet) -> Audit | None:
     """The leakage audit on the places that all traverses of a route share; None where it has no meaning."""
     shared = route.shared_stems()
     model = describer.latent_model
@@ -136,109 +141,6 @@ def audit_pair(describer: Describer, route: Route, truth: MatchRule, progress: P
     return audit(
         model,
         pixels,
-        truth.tolerance if truth.tolerance is not None else 1,
+        truth.tolerance if truth is not None and truth.tolerance is not None else 1,
         conditions=[traverse.condition for traverse in route.traverses],
     )
-
-
-def write_evaluation(evaluation: Evaluation, out: Path, *, details: dict[str, str]) -> None:
-    """Writes DIR/metrics.json, the pictures and report.html, over those of an earlier evaluation.
-
-    Raises:
-        StorageError: Writing failed; what stood in DIR stands as it was.
-    """
-    with filled_directory(out) as directory:
-        pictures = _fill(directory, evaluation, details)
-        if (out / _METRICS).is_file():  # of an earlier evaluation, perhaps of another method
-            for name in set(LATENT_PICTURES) - set(pictures):
-                remove_file(out / name)
-
-
-def _fill(out: Path, evaluation: Evaluation, details: dict[str, str]) -> list[str]:
-    """Writes the files of an evaluation, and returns the names of the pictures of the latent."""
-    result = evaluation.result
-    describer, route, rule = result.describer, result.pair.route, result.rule
-    asked = pair_words(result.query.name, result.database.name)
-    label, score = named_method(describer.method, evaluation.settings), score_of(result)
-    title = title_of(result, label)
-    matrix, gallery = matrix_figure(result, label), match_figure(result, label)
-    save_figure(matrix, out / "similarity.png")
-    save_figure(gallery, out / "matches.png")
-    subtitle = f"{route.title}: {right_words(rule)}, {matching_words(result.matching)}"
-    report = Report(title, subtitle=subtitle, details={"method": evaluation.source, **details})
-    section = report.section("Scores")
-    if (recipe := named_recipe(evaluation.settings)) is not None:
-        section.paragraph(f"This run is not the paper's model alone: {recipe}.")
-    if evaluation.trained_places:
-        section.paragraph(seen_sentence(describer.method, evaluation.trained_places))
-    section.facts(score_facts(evaluation))
-    section.chart(
-        precision_recall_figure({label: result.curve}, areas={label: result.scores.auc_pr}),
-        alt=f"Precision-recall curve of {label}, {asked}: area {result.scores.auc_pr:.3f}.",
-        caption="Each query proposes its best database frame; the threshold sweeps over all distinct scores. The "
-        "legend gives the area under the curve.",
-    )
-    report.section("Similarity matrix").figure(
-        matrix,
-        alt=f"Similarity of every query to every database frame: {title}.",
-        caption=matrix_caption(result.query.name, result.database.name, rule, score),
-    )
-    report.section("Matches").figure(
-        gallery,
-        alt=f"Queries, the proposed frames and the true ones: {title}.",
-        caption=match_caption(rule, score),
-    )
-    if evaluation.audit is not None:
-        audit_section(report.section("Leakage audit"), {label: evaluation.audit})
-    pictures: list[str] = []
-    model = describer.latent_model
-    if model is not None and route.aligned:
-        pictures = latent_section(report.section("What the latent holds"), model, route, out, label)
-    report.section("How it was measured").table(["what", "definition"], _how(evaluation))
-    report.write(out / "report.html")
-    write_json(out / _METRICS, evaluation.metrics())
-    return pictures
-
-
-def _how(evaluation: Evaluation) -> list[list[Value]]:
-    """What was evaluated, and a definition of each number of `score_facts`."""
-    result, source = evaluation.result, evaluation.source
-    method, recipe = result.describer.method, named_recipe(evaluation.settings)
-    told = {
-        "method": source if source == method else f"{source} ({method}{f', {recipe}' if recipe else ''})",
-        "query and database": f"Each of the {len(result.query):,} frames of the query {result.query.name} asks the "
-        f"whole database {result.database.name}, {len(result.database):,} frames.",
-        "right": f"A proposed frame counts as right {right_words(result.rule)}.",
-        "match": f"{matching_words(result.matching)}; score: {score_of(result)}",
-        "curve": DEFINITIONS["curve"],
-        "recall@N": DEFINITIONS["recall@N"],
-        **{_long(name): _long(DEFINITIONS[name]) for name in _DEFINED},
-    }
-    return [[name, text] for name, text in told.items()]
-
-
-_DEFINED = ("auc_pr", "AP", "R@100%P", "EP", "dimension", "ms/image")
-_LONG = {
-    "AP": "average precision",
-    "R@100%P": "recall at 100 % precision",
-    "EP": "extended precision",
-    "ms/image": "ms per image",
-}
-"""What is short in the tables of a comparison has room in the report of one method."""
-
-
-def _long(text: str) -> str:
-    """A name of a score, or a definition that names another one."""
-    return _LONG.get(text, text.replace("R@100%P", _LONG["R@100%P"]))
-
-
-def score_facts(evaluation: Evaluation) -> dict[str, float | int]:
-    """The headline numbers of an evaluation."""
-    scores = evaluation.result.scores
-    return {
-        **{_long(name): score for name, score in scores.columns().items()},
-        "queries": scores.queries,
-        "database": scores.database,
-        "dimension": evaluation.result.describer.dimension,
-        "ms per image": evaluation.ms_per_image,
-    }

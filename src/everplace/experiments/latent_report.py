@@ -105,18 +105,21 @@ def latent_section(
         alt=f"Images that {label} decodes from z_p of one frame and z_c of another.",
         caption="As Figures 6 and 7 of Oh and Eoh (2021): in each row the place of the frame at its left, in each "
         "column the condition of the frame at its top; all frames show one place, so all rows should look alike.",
+        photos=True,
     )
     section.figure(
         constant,
         alt=f"Images that {label} decodes with one constant z_c.",
         caption="As Figures 8 and 9 of Oh and Eoh (2021): frames of all conditions, and below each what is decoded "
         "from its z_p and one z_c; below each other, the decoded images of a place should look alike.",
+        photos=True,
     )
     section.figure(
         translation,
         alt=f"A frame that {label} decodes in every condition, with the true frames of these conditions below.",
         caption="A frame translated into every condition by its z_p and the condition's mean z_c, above the true "
         "frames of the same place.",
+        photos=True,
     )
     return list(files)
 

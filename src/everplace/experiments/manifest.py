@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from everplace.describe.costs import COST_DEFINITIONS
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.match.matching import Matching
@@ -26,26 +27,13 @@ from everplace.progress import Progress, quiet
 from everplace.route.fingerprint import traverse_fingerprint
 from everplace.route.route import Route
 from everplace.scoring.retrieval import MatchRule, pair_of, true_matches
+from everplace.scoring.score_definitions import SCORE_DEFINITIONS
 
 __all__ = ["DEFINITIONS", "MANIFEST", "Study", "open_study", "require_same_study"]
 
 MANIFEST = "manifest.json"
 
-DEFINITIONS = {
-    "pair": "Each frame of the query traverse asks the whole database traverse; every ordered pair is a pair.",
-    "curve": "Each query proposes its best database frame; precision = correct proposals / proposals, recall = correct "
-    "proposals / queries that have a true match, one point for each distinct score.",
-    "recall@N": "Share of the queries that have a true match for which one is among the N best database frames.",
-    "auc_pr": "Area under the curve: trapezoids over recall, and the rectangle from recall 0 to the first point.",
-    "AP": "Average precision over all pairs of a query and a database frame, as scikit-learn's.",
-    "R@100%P": "Largest recall of the curve that is reached without a wrong proposal.",
-    "EP": "Extended precision: mean of the precision at the lowest recall and R@100%P.",
-    "dimension": "Numbers in a descriptor.",
-    "bytes": "Bytes of a descriptor, as float32.",
-    "ms/image": "Median milliseconds to describe one decoded image alone, over 32; opening the method is not counted.",
-    "peak MB": "Largest resident memory, in 10^6 bytes, of a process of its own that opens the method and describes 64 "
-    "images in batches: Python, libraries and weights count, memory of a GPU does not.",
-}
+DEFINITIONS = {**SCORE_DEFINITIONS, **COST_DEFINITIONS}
 """One sentence for every score and cost, by its column in the tables."""
 
 _FORMAT = 2
@@ -152,13 +140,13 @@ def require_same_study(out: Path, study: Study) -> None:
         known = {name: value for name, value in before.items() if name not in _NOT_OF_THE_STUDY}
     except (OSError, ValueError, AttributeError, RecursionError):
         raise ConfigError(
-            f"{readable(path)} was not written by `everplace compare`, or was altered; name another --out, or remove it"
+            f"{readable(path)} was not written by `everplace compare`, or was altered; name another `out`, or remove it"
         ) from None
     if different := _differences(known, study.document):
         name, old, new = different[0]
         raise ConfigError(
             f"{readable(out)} holds a comparison with other settings ({name} was {_short(old)} and is now "
-            f"{_short(new)}); name another --out, or remove it"
+            f"{_short(new)}); name another `out`, or remove it"
         )
 
 

@@ -1,4 +1,4 @@
-"""The pictures of retrieval, made from frames: the similarity matrix and a gallery of right and wrong matches."""
+"""The pictures of retrieval, made from frames: the similarity matrix and a gallery of matches."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from everplace.experiments.captions import match_note, pair_words, right_words, score_words
+from everplace.experiments.captions import UNKNOWN, match_note, pair_words, right_words, score_words
 from everplace.images.decoding import ImageSpec, decode_image
 from everplace.plots.canvas import new_axes, new_figure
 from everplace.plots.match_gallery import Match, draw_matches
@@ -23,14 +23,19 @@ _PICTURE = ImageSpec()
 def match_figure(result: Retrieval, label: str, *, count: int = 8) -> Figure:
     """A gallery of right and wrong matches, half of each where there are enough, spread over the route.
 
+    Where nobody knows what is right, the best matches of queries that are spread over the route.
+
     Args:
         result: What was found.
         label: What the title calls the method.
         count: Matches at most.
     """
     best = result.similarity.argmax(axis=1)
-    right = result.truth[np.arange(len(best)), best]
-    groups = [np.flatnonzero(right), np.flatnonzero(~right)]
+    if result.truth is None:
+        groups = [np.arange(len(best)), np.arange(0)]
+    else:
+        right = result.truth[np.arange(len(best)), best]
+        groups = [np.flatnonzero(right), np.flatnonzero(~right)]
     half = count // 2
     wanted = [max(half, count - len(groups[1])), max(half, count - len(groups[0]))]
     chosen = [group[spread(len(group), n)] for group, n in zip(groups, wanted, strict=True) if len(group)]
@@ -41,13 +46,18 @@ def match_figure(result: Retrieval, label: str, *, count: int = 8) -> Figure:
 
 
 def matrix_figure(result: Retrieval, label: str) -> Figure:
-    """The similarity matrix with the truth and the best matches; `label` is what the title calls the method."""
+    """The similarity matrix with the best matches and, where it is known, the truth.
+
+    Args:
+        result: What was found.
+        label: What the title calls the method.
+    """
     figure, axes = new_axes(6.4, 5.6)
     query, database = result.query, result.database
     draw_similarity(
         axes, result.similarity, result.truth, query=f"query {query.name}", database=f"database {database.name}",
         query_names=query.stems, database_names=database.stems, score=score_of(result), title=title_of(result, label),
-        note=f"right: {right_words(result.rule)}",
+        note=UNKNOWN if result.rule is None else f"right: {right_words(result.rule)}", mark_best=True,
     )  # fmt: skip
     return figure
 
@@ -63,14 +73,14 @@ def score_of(result: Retrieval) -> str:
 
 
 def _match(result: Retrieval, query: int, proposed: int) -> Match:
-    pair = result.pair
-    true = _true_frame(pair, query, np.flatnonzero(result.truth[query]))
+    pair, truth = result.pair, result.truth
+    true = None if truth is None else _true_frame(pair, query, np.flatnonzero(truth[query]))
     return Match(
         query=decode_image(pair.query.paths[query], _PICTURE),
         proposed=decode_image(pair.database.paths[proposed], _PICTURE),
         true=None if true is None else decode_image(pair.database.paths[true], _PICTURE),
         score=float(result.similarity[query, proposed]),
-        right=bool(result.truth[query, proposed]),
+        right=None if truth is None else bool(truth[query, proposed]),
         query_name=f"{pair.query.name}/{pair.query.stems[query]}",
         proposed_name=f"{pair.database.name}/{pair.database.stems[proposed]}",
         true_name="" if true is None else f"{pair.database.name}/{pair.database.stems[true]}",

@@ -121,7 +121,7 @@ def _require_free(path: Path) -> None:
             read_onnx_toml(path)
         except ConfigError:
             raise ConfigError(
-                f"--onnx would replace {readable(path)}, which is of another kind; choose another name"
+                f"the network's TOML would replace {readable(path)}, which is of another kind; choose another name"
             ) from None
 
 

@@ -20,7 +20,7 @@ from everplace.fabmap.place_likelihood import observe, sampled_new_place
 from everplace.fabmap.vocabulary import FEATURE_DIMENSIONS, sift_features, words_of
 from everplace.files import readable
 from everplace.model.checkpoint import CHECKPOINT_NAME
-from everplace.model.provenance import stems_seen
+from everplace.model.provenance import images_seen, stems_seen
 from everplace.settings import Settings, first_problem
 from everplace.tensor_file import load_tensors, save_tensors
 
@@ -71,6 +71,11 @@ class FabMap:
     def seen_stems(self) -> frozenset[str]:
         """Stems of the frames that it was fitted on; empty where that was not recorded."""
         return stems_seen(self.about)
+
+    @property
+    def seen_images(self) -> frozenset[str]:
+        """The images of these places, told by their content; empty where that was not recorded."""
+        return images_seen(self.about)
 
     def words(self, image: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """The words of a grey image H×W, (W,); all False for an image without structure."""

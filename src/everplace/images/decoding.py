@@ -23,6 +23,8 @@ from PIL import Image
 from everplace.errors import ConfigError, ImageError
 from everplace.files import readable
 from everplace.images.formats import MAX_PIXELS, decode_bytes
+from everplace.images.heif import HEIF_ENDINGS
+from everplace.images.sixteen_bits import SixteenBits
 from everplace.threads import map_ahead
 
 __all__ = [
@@ -40,7 +42,9 @@ __all__ = [
     "resize_image",
 ]
 
-IMAGE_ENDINGS = frozenset({".bmp", ".jfif", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
+IMAGE_ENDINGS = frozenset(
+    {".bmp", ".jfif", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp", *HEIF_ENDINGS}
+)
 """Endings (lower case) by which a file in a traverse counts as a frame."""
 
 _ENDINGS = tuple(sorted(IMAGE_ENDINGS))
@@ -53,10 +57,11 @@ BROKEN_IMAGE_ERRORS = (
     TypeError,
     LookupError,
     OverflowError,
+    RuntimeError,
     struct.error,
 )
 """What Pillow's readers raise on broken bytes: OSError and EOFError where they end too early, SyntaxError for
-broken PNG chunks, the others for header fields without sense."""
+broken PNG chunks, RuntimeError for broken AVIF, the others for header fields without sense."""
 
 MAX_FILE_BYTES = 2**29
 """Largest image file that is read: 512 MiB."""
@@ -88,7 +93,7 @@ class ImageSpec:
         return 1 if self.grey else 3
 
 
-def decode_image(path: Path, spec: ImageSpec) -> NDArray[np.uint8]:
+def decode_image(path: Path, spec: ImageSpec, scale: SixteenBits | None = None) -> NDArray[np.uint8]:
     """Decodes one image file.
 
     Grey conversion (ITU-R BT.601 luma) comes before resizing; shrinking averages areas, enlarging is
@@ -98,23 +103,26 @@ def decode_image(path: Path, spec: ImageSpec) -> NDArray[np.uint8]:
     Args:
         path: The file; its name may hold bytes that are not UTF-8.
         spec: The wanted size and channels.
+        scale: How 16-bit values become 8 bits; None: their upper 8 bits count.
 
     Returns:
         H×W×C uint8, C = 1 (grey) or 3 (RGB), C-contiguous and writable.
 
     Raises:
         ImageError: The file is missing, unreadable, truncated, broken, too large, or no image.
+        MissingExtraError: It is HEIC or AVIF, and what reads that is not installed.
     """
-    return decode_encoded(readable(path), read_image_bytes(path), spec)
+    return decode_encoded(readable(path), read_image_bytes(path), spec, scale)
 
 
-def decode_encoded(name: str, data: bytes, spec: ImageSpec) -> NDArray[np.uint8]:
+def decode_encoded(name: str, data: bytes, spec: ImageSpec, scale: SixteenBits | None = None) -> NDArray[np.uint8]:
     """Decodes the content of an image file, from wherever it comes; see `decode_image`.
 
     Args:
         name: What to call it in messages.
         data: The whole file.
         spec: The wanted size and channels.
+        scale: How 16-bit values become 8 bits; None: their upper 8 bits count.
 
     Raises:
         ImageError: It is empty, truncated, broken, too large, or no image.
@@ -122,7 +130,7 @@ def decode_encoded(name: str, data: bytes, spec: ImageSpec) -> NDArray[np.uint8]
     if not data:
         raise ImageError(f"{name} is empty (0 bytes); copy or export the frame again")
     try:
-        pixels = decode_bytes(name, data, spec.size, grey=spec.grey)
+        pixels = decode_bytes(name, data, spec.size, grey=spec.grey, scale=scale)
     except BROKEN_IMAGE_ERRORS as error:
         raise ImageError(f"{name} is truncated or broken ({error}); copy or export the frame again") from error
     if spec.size is not None:

@@ -128,7 +128,7 @@ def _require_space(directory: Path, files: Sequence[DataFile]) -> None:
     if missing > free:
         raise StorageError(
             f"{readable(directory)} needs {missing / 1e9:.1f} GB more, but only {free / 1e9:.1f} GB are free; free "
-            "space or choose another place with --out"
+            "space or choose another place with `out`"
         )
 
 
@@ -152,6 +152,6 @@ def _read_lock(lock: Path, data_set: DataSet) -> tuple[DataFile, ...]:
         raise InputError(f"{readable(lock)} is damaged; remove it to fetch {data_set.name} anew") from error
     if content.name != data_set.name:
         raise InputError(
-            f"{readable(lock.parent)} holds the data set {content.name!r}; choose another place with --out"
+            f"{readable(lock.parent)} holds the data set {content.name!r}; choose another place with `out`"
         )
     return content.files

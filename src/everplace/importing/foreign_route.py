@@ -6,11 +6,13 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Annotated, Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, model_validator
 
+from everplace.images.sixteen_bits import SixteenBits
 from everplace.route.traverse import Pose
 from everplace.route.truth import TruthPair
 from everplace.settings import Settings
@@ -22,6 +24,7 @@ __all__ = [
     "ForeignFrame",
     "ForeignRoute",
     "ForeignTraverse",
+    "ScaledOptions",
     "Source",
     "SourceOptions",
     "is_placed",
@@ -55,12 +58,14 @@ class ForeignFrame(NamedTuple):
         content: Its image.
         pose: Where it was taken, if the source knows.
         seconds: When it was taken, if the source knows, from any fixed moment.
+        scale: How its 16-bit values become 8 bits, one for all frames of a drive; None: not said yet.
     """
 
     stem: str
     content: Content
     pose: Pose | None = None
     seconds: float | None = None
+    scale: SixteenBits | None = None
 
 
 def is_placed(frame: ForeignFrame) -> bool:
@@ -115,8 +120,41 @@ class ForeignRoute:
     aligned_by: str = ""
 
 
+def _parse_range(value: object) -> object:
+    """Reads `1700:3700`; leaves anything but text alone.
+
+    Raises:
+        ValueError: The text is no such range.
+    """
+    if not isinstance(value, str):
+        return value
+    sides = [int(side) for side in value.split(":") if side.isascii() and side.isdecimal() and len(side) < 6]
+    if value.count(":") != 1 or len(sides) < 2 or not sides[0] < sides[1] <= 2**16:
+        raise ValueError("it is not A:B with two whole numbers, 0 <= A < B <= 65536, like 1700:3700")
+    return tuple(sides)
+
+
 class SourceOptions(Settings):
     """Base of the options of a kind, given as `--set name=value`; the string under a field is its help."""
+
+
+class ScaledOptions(SourceOptions):
+    """Options of every kind whose images may have 16 bits."""
+
+    range: Annotated[tuple[int, int] | None, BeforeValidator(_parse_range)] = None
+    """The values of 16-bit frames that become black and white, such as 1700:3700, in all drives; by default 0:65536."""
+    bits: Annotated[int, Field(ge=9, le=16)] | None = None
+    """How many bits of 16-bit frames are used, such as 12 or 14; short for a range from 0 on."""
+
+    @model_validator(mode="after")
+    def _one_scale(self) -> ScaledOptions:
+        if self.range is not None and self.bits is not None:
+            raise ValueError("range and bits exclude each other, keep one")
+        return self
+
+    def scale(self) -> SixteenBits:
+        """Returns the scale for one drive, which counts what it meets."""
+        return SixteenBits(*(self.range or (0, 2 ** (self.bits or 16))))
 
 
 class Source(Protocol):

@@ -6,8 +6,8 @@ symbolic links.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,8 @@ import tomli_w
 
 from everplace.errors import RouteError
 from everplace.files import readable, require_free_directory, whole_directory
-from everplace.importing.foreign_route import ForeignRoute
+from everplace.importing.foreign_route import ForeignRoute, ScaledOptions
+from everplace.importing.frame_pixels import scaled
 from everplace.importing.kinds import open_kind, read_options
 from everplace.importing.route_writer import RouteWriter, reading, unreadable
 from everplace.progress import Progress, quiet
@@ -91,7 +92,11 @@ def import_route(
         route = opened.read(source, settings)
     except OSError as error:
         raise unreadable(error, source) from error
-    return write_route(route, source, out, f"Imported with everplace data import {kind}.", copy=copy, progress=progress)
+    if isinstance(settings, ScaledOptions):
+        traverses = (replace(one, frames=scaled(one.frames, settings.scale())) for one in route.traverses)
+        route = replace(route, traverses=traverses)
+    origin = f"Imported with everplace data import {kind}."
+    return write_route(route, source, out, origin, copy=copy, progress=progress)
 
 
 def write_route(
@@ -127,17 +132,19 @@ def write_route(
             raise RouteError(f"{readable(source)} holds no traverse of this kind; check the path and the kind")
         if route.truth is not None:
             write_truth(directory / TRUTH_CSV, writer.known_pairs(reading(route.truth, source), source))
-        text = _route_toml(origin, route, writer.conditions)
+        notes = (*route.notes, *writer.notes)
+        text = _route_toml([origin, *notes], route, writer.conditions)
         for name, content in {**(files or {}), ROUTE_TOML: text}.items():
             (directory / name).write_text(content, encoding="utf-8")
         if out.is_dir():
             out.rmdir()  # it was empty; a rename onto it would fail on Windows
-    notes = (*route.notes, *([] if writer.links is None else [writer.links]))
+    if writer.links is not None:
+        notes = (*notes, writer.links)
     return ImportSummary(writer.traverses, writer.linked, route.tolerance, route.radius, route.protocol, notes)
 
 
-def _route_toml(origin: str, route: ForeignRoute, conditions: Mapping[str, str]) -> str:
-    """Writes what directories cannot say, and the notes as comments for whoever finds the route later."""
+def _route_toml(comments: Sequence[str], route: ForeignRoute, conditions: Mapping[str, str]) -> str:
+    """Writes what directories cannot say, and comments for whoever finds the route later."""
     table: dict[str, Any] = {} if route.aligned else {"aligned": False}
     if route.tolerance is not None:
         table["tolerance"] = route.tolerance
@@ -150,5 +157,4 @@ def _route_toml(origin: str, route: ForeignRoute, conditions: Mapping[str, str])
     differing = {name: {"condition": condition} for name, condition in conditions.items() if condition != name}
     if differing:
         table["traverses"] = differing
-    comments = [origin, *route.notes]
     return "".join(f"# {' '.join(note.split())}\n" for note in comments) + tomli_w.dumps(table)

@@ -7,7 +7,7 @@ import importlib.util
 import pkgutil
 import types
 from collections.abc import Mapping
-from typing import Any, Union, cast, get_args, get_origin
+from typing import Any, TypeVar, Union, cast, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -19,6 +19,7 @@ from everplace.settings import first_problem
 
 __all__ = ["missing_extras", "open_kind", "read_options", "source_kinds"]
 
+_Options = TypeVar("_Options", bound=BaseModel)
 _LISTS = (list, set, frozenset)
 
 
@@ -54,7 +55,7 @@ def missing_extras(kind: Source) -> list[str]:
     return sorted({extra for package, extra in extras.items() if importlib.util.find_spec(package) is None})
 
 
-def read_options(kind: str, options: type[BaseModel], given: Mapping[str, str]) -> BaseModel:
+def read_options(kind: str, options: type[_Options], given: Mapping[str, str]) -> _Options:
     """Turns texts into a kind's options; a list's items are separated by commas.
 
     Raises:
@@ -75,7 +76,7 @@ def read_options(kind: str, options: type[BaseModel], given: Mapping[str, str]) 
         problem = first_problem(error, options)
         name = problem.setting.partition(".")[0]  # an item of a list is told by the list
         if name in given:
-            raise ConfigError(f"--set {name}={readable(given[name])} cannot be: {problem.reason}") from error
+            raise ConfigError(f"`{name}`={readable(given[name])} cannot be: {problem.reason}") from error
         raise ConfigError(f"options of the kind {kind!r}: {problem.reason}") from error
 
 

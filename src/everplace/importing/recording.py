@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,14 +12,15 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
+from everplace.images.frame_names import counted_endings
 from everplace.importing.foreign_route import (
     ForeignFrame,
     ForeignRoute,
     ForeignTraverse,
-    SourceOptions,
+    ScaledOptions,
     is_placed,
 )
-from everplace.importing.frame_pixels import parse_size, resized
+from everplace.importing.frame_pixels import parse_size, resized, scaled
 from everplace.importing.sampling import sample_by_change, sample_by_distance, sample_by_number, sample_by_time
 from everplace.route.route_toml import RouteToml
 
@@ -31,7 +31,7 @@ _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _SAMPLING = ("every_frames", "every_seconds", "every_metres", "change")
 
 
-class RecordingOptions(SourceOptions):
+class RecordingOptions(ScaledOptions):
     """Options of every kind of recording."""
 
     every_frames: Annotated[int, Field(ge=1)] | None = None
@@ -87,7 +87,7 @@ class Drive:
     named: bool = False
 
 
-def passed_over(directory: Path, names: Sequence[str], what: str, endings: Sequence[str]) -> list[str]:
+def passed_over(directory: Path, names: Sequence[str], what: str, endings: tuple[str, ...]) -> list[str]:
     """Returns a sentence that counts the files of known endings that were not read; none where there are none.
 
     Args:
@@ -96,10 +96,9 @@ def passed_over(directory: Path, names: Sequence[str], what: str, endings: Seque
         what: What they are, such as "videos".
         endings: Which endings (lower case) count, beginning with a dot.
     """
-    counts = Counter(ending for name in names if (ending := next(filter(name.lower().endswith, endings), "")))
-    if not counts:
+    told = counted_endings(names, endings)
+    if not told:
         return []
-    told = ", ".join(f"{count} × {ending}" for ending, count in sorted(counts.items()))
     return [f"{readable(directory)} holds {what} that were not read: {told}; convert them, or give one by itself."]
 
 
@@ -125,7 +124,7 @@ def recorded_route(
     """
     if options.conditions and len(options.conditions) != len(drives):
         raise ConfigError(
-            f"--set conditions names {len(options.conditions)} conditions, but {readable(source)} holds {len(drives)} "
+            f"`conditions` names {len(options.conditions)} conditions, but {readable(source)} holds {len(drives)} "
             f"drives: {', '.join(readable(drive.name) for drive in drives)}; name one for each, in this order"
         )
     conditions = options.conditions or tuple("" for _ in drives)
@@ -138,7 +137,7 @@ def recorded_route(
     if numbered:
         said.append(
             "The frames of each drive are numbered from 000000 on, and the same number counts as the same place; for "
-            "drives that are not in step, import with --set stems=own and align them."
+            "drives that are not in step, import with `stems=own` and align them."
         )
     return ForeignRoute(
         traverses=(
@@ -179,7 +178,7 @@ def _kept_frames(drive: Drive, options: RecordingOptions, notes: list[str]) -> I
     # Where frames are compared, those that will not stay take no part. Elsewhere they count, and have a number, so that
     # drives which are in step stay so.
     compared = options.change is not None or options.every_metres is not None
-    frames = known(drive.frames) if compared else drive.frames
+    frames = scaled(known(drive.frames) if compared else drive.frames, options.scale())
     # The generators between here and the recording know nothing of closing it.
     with contextlib.ExitStack() as stack:
         stack.callback(getattr(drive.frames, "close", lambda: None))
@@ -193,7 +192,7 @@ def _kept_frames(drive: Drive, options: RecordingOptions, notes: list[str]) -> I
     if lost and not kept:
         raise RouteError(
             f"no frame of {readable(drive.name)} has a position, since the receiver had no fix near any of them; "
-            "import without positions, --set poses=none"
+            "import without positions, `poses=none`"
         )
     if lost:
         notes.append(

@@ -81,7 +81,7 @@ def find_recordings(
     everything = list(join) == ["true"]
     if whole or not source.is_dir():
         if join and not everything:
-            raise ConfigError(f"--set join names files of a directory, and {readable(source)} is one recording")
+            raise ConfigError(f"`join` names files of a directory, and {readable(source)} is one recording")
         return [_recording(source)], [] if whole else _more_parts(source, listed)
     names = listed(source)
     if not join:
@@ -149,12 +149,12 @@ def _joined(directory: Path, names: Sequence[str]) -> Recording:
 
 def _named_parts(source: Path, join: Sequence[str], names: Sequence[str]) -> tuple[list[Recording], list[str]]:
     if len(set(join)) < len(join):
-        raise ConfigError("--set join names a file twice; give each part of the drive once")
+        raise ConfigError("`join` names a file twice; give each part of the drive once")
     for name in join:
         if name not in names:
             offer = ", ".join(map(readable, names)) or "none"
             raise ConfigError(
-                f"--set join names {readable(name)!r}, which is no recording in {readable(source)}; there are: {offer}"
+                f"`join` names {readable(name)!r}, which is no recording in {readable(source)}; there are: {offer}"
             )
     others = [name for name in names if name not in join]
     parts = tuple(source / name for name in join)
@@ -168,9 +168,9 @@ def _split_note(source: Path, names: Sequence[str]) -> list[str]:
         return []
     first, second, *_ = groups[0]
     if len(groups) == 1 and len(groups[0]) == len(names):
-        remedy = "if they are, import with --set join=true"
+        remedy = "if they are, import with `join=true`"
     else:
-        remedy = "if they are, put the parts of each drive into a directory of its own and import with --set join=true"
+        remedy = "if they are, put the parts of each drive into a directory of its own and import with `join=true`"
     return [
         f"{readable(first)} and {readable(second)} in {readable(source)} look like parts of one drive, but each became "
         f"a drive of its own; {remedy}."
@@ -189,5 +189,5 @@ def _more_parts(source: Path, listed: Callable[[Path], list[str]]) -> list[str]:
         return []
     return [
         f"{readable(source)} looks like one of {len(group)} parts of a drive, and the others were not read; if it is, "
-        f"give the directory and --set join={readable(','.join(group))}."
+        f"give the directory and `join={readable(','.join(group))}`."
     ]

@@ -15,7 +15,9 @@ import numpy as np
 from everplace.errors import RouteError, StorageError
 from everplace.files import readable
 from everplace.images.decoding import IMAGE_ENDINGS, read_image_bytes
+from everplace.images.sixteen_bits import SixteenBits
 from everplace.importing.foreign_route import Content, Encoded, ForeignFrame, ForeignTraverse
+from everplace.importing.frame_pixels import without_16_bits
 from everplace.progress import Progress
 from everplace.route.folder import POSES_CSV, TIMES_CSV
 from everplace.route.natural_order import natural_sorted
@@ -33,6 +35,7 @@ class RouteWriter:
         traverses: Number of frames by name.
         conditions: Condition by name.
         linked: Number of frames that are links.
+        notes: What the frames showed that the user should know.
         links: Why files were copied although links were wanted; None: they were not.
     """
 
@@ -41,6 +44,7 @@ class RouteWriter:
         self.conditions: dict[str, str] = {}
         self.linked = 0
         self._stems: dict[str, set[str]] = {}
+        self.notes: list[str] = []
         self.links: str | None = None
         self._directory = directory
         self._copy = copy
@@ -57,6 +61,7 @@ class RouteWriter:
         stems: set[str] = set()
         poses = _Table("pose", ("x", "y", "heading"))
         times = _Table("time", ("seconds",))
+        scale: SixteenBits | None = None
         for frame in progress(reading(traverse.frames, source), f"importing {name}", traverse.count):
             where = f"the frame {frame.stem!r} of the traverse {name!r}"
             if frame.stem in stems:
@@ -66,10 +71,13 @@ class RouteWriter:
             poses.add(frame.stem, frame.pose, len(stems), where)
             times.add(frame.stem, None if frame.seconds is None else (frame.seconds,), len(stems), where)
             stems.add(frame.stem)
+            scale = frame.scale
         poses.write(directory / POSES_CSV)
         times.write(directory / TIMES_CSV)
         if not stems:
             raise RouteError(f"the traverse {name!r} of {readable(source)} has no frame; leave it out")
+        if scale is not None:
+            self.notes += scale.notes(readable(name))
         self._stems[name] = stems
         self.traverses[name] = len(stems)
         self.conditions[name] = traverse.condition or name
@@ -86,13 +94,14 @@ class RouteWriter:
             yield pair
 
     def _write_frame(self, directory: Path, frame: ForeignFrame, source: Path, where: str) -> None:
-        content = frame.content
-        ending = _ending(content)
+        ending = _ending(frame.content)
         if ending.lower() not in IMAGE_ENDINGS:
             raise RouteError(
                 f"{where} of {readable(source)} ends in {ending!r}, which is no image; "
                 f"convert it to one of {', '.join(sorted(IMAGE_ENDINGS))}"
             )
+        content = without_16_bits(frame)
+        ending = _ending(content)
         _check_name("frame", frame.stem, frame.stem + ending, source)
         target = directory / (frame.stem + ending)
         if isinstance(content, Path):

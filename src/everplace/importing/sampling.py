@@ -112,7 +112,8 @@ def sample_by_change(frames: Iterator[ForeignFrame], alike: float) -> Iterator[F
     """
     kept = None
     for frame in frames:
-        grey = decode_content(frame, FILTER_IMAGE)
+        scale = None if frame.scale is None else frame.scale.unused()
+        grey = decode_content(frame._replace(scale=scale), FILTER_IMAGE)
         if kept is None or not stationary_places([np.stack([kept, grey])], above=alike)[1]:
             kept = grey
             yield frame

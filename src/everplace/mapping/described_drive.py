@@ -19,14 +19,16 @@ from everplace.images.decoding import ImageSpec, convert_image
 from everplace.importing.foreign_route import ForeignFrame
 from everplace.importing.frame_pixels import decode_content
 from everplace.mapping.drive_source import DriveFrames
+from everplace.mapping.image_statistics import image_statistics
 from everplace.progress import Progress, quiet
 
-__all__ = ["DescribedDrive", "describe_drive", "light_moments", "thumbnail"]
+__all__ = ["DescribedDrive", "describe_drive", "how_it_looks", "light_moments", "thumbnail"]
 
 _LIGHT_FRAMES = 512
 _THUMBNAIL = 160
 _QUALITY = 80
 _COLOUR = ImageSpec()
+_LOOKED_AT = ImageSpec((64, 128))
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,7 @@ class DescribedDrive:
     Attributes:
         stems: Their names.
         features: N×F float16, what the map's method says of them.
+        looks: N×32, how they look (`everplace.mapping.image_statistics`).
         poses: N×3 (x, y in metres, heading in radians), NaN where unknown.
         seconds: (N,) when each was taken, NaN where unknown.
         thumbnails: JPEG files.
@@ -44,6 +47,7 @@ class DescribedDrive:
 
     stems: tuple[str, ...]
     features: NDArray[np.float16]
+    looks: NDArray[np.float32]
     poses: NDArray[np.float64]
     seconds: NDArray[np.float64]
     thumbnails: tuple[bytes, ...]
@@ -71,12 +75,14 @@ def describe_drive(
     """
     stems, poses, seconds, thumbnails = [], [], [], []
     features: list[NDArray[np.float16]] = []
+    looks: list[NDArray[np.float32]] = []
     kept = _Thinned(_LIGHT_FRAMES)
     for batch in _batches(progress(drive.frames, f"describing {drive.name}", drive.count), describer.batch):
         images = []
         for frame in batch:
             whole = decode_content(frame, _COLOUR)
             thumbnails.append(thumbnail(whole))
+            looks.append(how_it_looks(whole))
             images.append(convert_image(whole, describer.image))
             stems.append(frame.stem)
             poses.append(frame.pose or (np.nan,) * 3)
@@ -91,11 +97,18 @@ def describe_drive(
     return DescribedDrive(
         tuple(stems),
         np.concatenate(features),
+        np.stack(looks),
         np.array(poses, float),
         np.array(seconds, float),
         tuple(thumbnails),
         light,
     )
+
+
+def how_it_looks(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """(32,) of an image of any size, grey or RGB; see `everplace.mapping.image_statistics`."""
+    looks: NDArray[np.float32] = image_statistics(convert_image(image, _LOOKED_AT)[None])[0]
+    return looks
 
 
 def thumbnail(image: NDArray[np.uint8]) -> bytes:

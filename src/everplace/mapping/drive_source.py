@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from everplace.describe.recorded_frames import is_recording, open_recording
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.video_frames import VIDEO_ENDINGS
@@ -16,8 +17,6 @@ from everplace.route.folder import POSES_CSV, open_traverse
 from everplace.route.traverse import Traverse
 
 __all__ = ["DriveFrames", "open_drive"]
-
-_BAG_ENDINGS = (".bag", ".mcap", ".db3")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +47,9 @@ def open_drive(source: Traverse | str | os.PathLike[str]) -> DriveFrames:
     if isinstance(source, Traverse):
         return DriveFrames(source.name, _traverse_frames(source), len(source))
     path = Path(source)
-    if path.suffix.lower() in VIDEO_ENDINGS and path.is_file():
-        from everplace.importing.sources import video
-
-        return _foreign(video.read(path, video.Options(stems="file")).traverses)
-    if path.suffix.lower() in _BAG_ENDINGS or (path / "metadata.yaml").is_file():
-        from everplace.importing.sources import bag
-
-        return _foreign(bag.read(path, bag.Options(stems="file")).traverses)
+    if is_recording(path):
+        drive = open_recording(path).drive
+        return DriveFrames(drive.name, drive.frames, drive.count)
     if path.is_file():
         raise RouteError(
             f"{readable(path)} is no directory of images, no video ({', '.join(sorted(VIDEO_ENDINGS))}) and no bag; "
@@ -70,11 +64,3 @@ def open_drive(source: Traverse | str | os.PathLike[str]) -> DriveFrames:
 
 def _traverse_frames(traverse: Traverse) -> Iterator[ForeignFrame]:
     return (ForeignFrame(frame.stem, frame.path, frame.pose) for frame in traverse)
-
-
-def _foreign(traverses: Iterator[object]) -> DriveFrames:
-    from everplace.importing.foreign_route import ForeignTraverse
-
-    traverse = next(iter(traverses))
-    assert isinstance(traverse, ForeignTraverse)
-    return DriveFrames(traverse.name, traverse.frames, traverse.count)

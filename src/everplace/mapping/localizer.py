@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from everplace.errors import MapError
 from everplace.images.decoding import convert_image
 from everplace.mapping.calibration import likelihood_ratios_of, place_posterior
+from everplace.mapping.described_drive import how_it_looks
+from everplace.mapping.frame_window import MAP_MODEL, SEQUENCE, window_posterior
 from everplace.mapping.map_learning import project
 from everplace.mapping.place_scores import PlaceFrames, directions
+from everplace.mapping.reliability import threshold_for
 from everplace.mapping.route_map import Map
 from everplace.route.traverse import Pose
-from everplace.sequences.route_filter import Belief
 from everplace.sequences.route_model import RouteModel
 
 __all__ = ["Localizer", "MapAnswer"]
@@ -64,7 +66,7 @@ class Localizer:
     """Answers frame by frame from one version of a map."""
 
     def __init__(
-        self, map_: Map | str | os.PathLike[str], *, sequence: int = 10, model: RouteModel | None = None
+        self, map_: Map | str | os.PathLike[str], *, sequence: int = SEQUENCE, model: RouteModel | None = None
     ) -> None:
         """Reads what it needs of the map.
 
@@ -91,7 +93,7 @@ class Localizer:
         self._projection = opened.projection
         self._calibration = opened.calibration
         self._conditions = opened.condition_model
-        self._model = RouteModel() if model is None else model
+        self._model = MAP_MODEL if model is None else model
         self._seen: deque[NDArray[np.float64]] = deque(maxlen=sequence)
         self._numbers = np.asarray(table["number"])[rows]
 
@@ -106,8 +108,22 @@ class Localizer:
         return self._calibration.provisional
 
     def threshold(self, precision: float | None) -> float:
-        """The least probability of a match by which a share `precision` of the matches is right; None: 0."""
-        return 0.0 if precision is None else precision
+        """The least probability of a match by which a share `precision` of the matches is right; None: 0.
+
+        It is that of drives of the map itself, looked for while they were held out; of a map of one drive, which has
+        none, the precision itself.
+
+        Raises:
+            MapError: The held-out answers never were so precise.
+        """
+        if precision is None or self.provisional:
+            return precision or 0.0
+        least, _ = threshold_for(precision, *self.map.held_out_answers)
+        if not np.isfinite(least):
+            raise MapError(
+                f"answers of this map are never so sure that {precision:.1%} are right; give a lower `precision`"
+            )
+        return float(least)
 
     def state(self) -> NDArray[np.float64]:
         """L×P: what it knows of the drive so far, to go on with `restore` in another process."""
@@ -140,6 +156,7 @@ class Localizer:
         """
         pixels = convert_image(image, self._describer.image)
         features = self._describer.describe_batch(pixels[None])
+        looks = how_it_looks(np.asarray(image))
         vector = directions(project(features, self._projection))
         frames = vector @ self._vectors.T
         if excluded is not None:
@@ -161,8 +178,8 @@ class Localizer:
             score=max(float(frames[0, best]), -1.0),
             probability=min(max(near, 0.0), 1.0),
             off_map=min(max(off, 0.0), 1.0),
-            condition=self._conditions.posterior(features[0]),
-            unseen_condition=self._conditions.unseen(features[0]),
+            condition=self._conditions.posterior(looks),
+            unseen_condition=self._conditions.unseen(looks),
             pose=None if np.isnan(pose).any() else Pose(*pose.tolist()),
             provisional=self._calibration.provisional,
             time=time,
@@ -173,12 +190,7 @@ class Localizer:
         if self._seen.maxlen == 1:
             found, away = place_posterior(scores, self._calibration)
             return np.asarray(found), float(away)
-        belief = Belief.start(self._model, 1, len(self._order))
-        for number, ratios in enumerate(self._seen):
-            if number:
-                belief.move(self._model)
-            belief.see(ratios[None])
-        return belief.places[0], float(belief.off[0])
+        return window_posterior(self._seen, len(self._order), self._model)
 
     def _best_frame(self, scores: NDArray[np.float32], column: int) -> int:
         starts = self._order.starts

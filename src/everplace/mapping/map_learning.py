@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,10 +16,11 @@ from everplace.adaptation.moments import Moments
 from everplace.adaptation.place_weights import pair_weights, place_weights
 from everplace.adaptation.prior import Prior
 from everplace.adaptation.route_adaptation import PRIOR_WEIGHT, adapted_projection, fitting_prior_weight
-from everplace.mapping.calibration import PROVISIONAL, Calibration, fit_calibration
+from everplace.mapping.calibration import PROVISIONAL, Calibration, fit_calibration, likelihood_ratios_of
+from everplace.mapping.frame_window import MAP_MODEL, SEQUENCE, window_posterior
 from everplace.mapping.place_scores import PlaceFrames, directions
 
-__all__ = ["MapFrames", "calibrate", "learn", "project"]
+__all__ = ["Learnt", "MapFrames", "learn", "light_arrays", "light_of", "project"]
 
 _STRETCH = 24
 _FEWEST = 100
@@ -71,9 +73,26 @@ class _Pairs:
         return _Pairs(self.rows[kept], self.places[kept], self.changes[kept], self.weights[kept])
 
 
-def learn(
-    frames: MapFrames, light: Moments, dimensions: int, prior: Prior | None
-) -> tuple[Projection, Calibration, dict[str, float]]:
+@dataclass(frozen=True, eq=False)
+class Learnt:
+    """What a map learnt from its drives.
+
+    Attributes:
+        projection: From the method's numbers to the map's descriptor.
+        calibration: How scores become probabilities.
+        probability: (M,) of the best match of frames that were held out, each from the last 10; empty: none were.
+        right: (M,) whether it was right.
+        known: What it was made from: pairs, and the prior's weight.
+    """
+
+    projection: Projection
+    calibration: Calibration
+    probability: NDArray[np.float32]
+    right: NDArray[np.bool_]
+    known: dict[str, float]
+
+
+def learn(frames: MapFrames, light: Moments, dimensions: int, prior: Prior | None) -> Learnt:
     """The map's projection and calibration, from all its drives.
 
     Args:
@@ -81,9 +100,6 @@ def learn(
         light: What other light changes in them.
         dimensions: D; lowered to the number of places less one.
         prior: Scatter within places on other routes.
-
-    Returns:
-        Projection, calibration, and what they were made from: pairs, and the prior's weight.
     """
     order = PlaceFrames(frames.places, frames.positions)
     there = frames.features[order.first].astype(np.float32)
@@ -102,11 +118,11 @@ def learn(
         return adapted_projection(statistics, dimensions, prior, weight), weight
 
     projection, weight = solved(pairs)
-    calibration = PROVISIONAL
-    if len(pairs.rows) >= _FEWEST:
-        calibration = calibrate(frames, order, pairs, lambda kept: solved(pairs.take(kept))[0])
     known = {"pairs": float(len(pairs.rows)), "prior_weight": weight if prior is not None else 0.0}
-    return projection, calibration, known
+    if len(pairs.rows) < _FEWEST:
+        return Learnt(projection, PROVISIONAL, np.empty(0, np.float32), np.empty(0, np.bool_), known)
+    held_out = calibrate(frames, order, pairs, lambda kept: solved(pairs.take(kept))[0])
+    return Learnt(projection, *held_out, known)
 
 
 def project(features: NDArray[np.floating], projection: Projection) -> NDArray[np.float32]:
@@ -115,7 +131,9 @@ def project(features: NDArray[np.floating], projection: Projection) -> NDArray[n
     return features.astype(np.float32) @ weight.T + bias
 
 
-def calibrate(frames: MapFrames, order: PlaceFrames, pairs: _Pairs, solve: Any) -> Calibration:
+def calibrate(
+    frames: MapFrames, order: PlaceFrames, pairs: _Pairs, solve: Callable[[NDArray[np.bool_]], Projection]
+) -> tuple[Calibration, NDArray[np.float32], NDArray[np.bool_]]:
     """How sure answers are, by frames that were held out of what was learnt.
 
     The pairs are cut into stretches of 24, and every second one is looked for with the projection that the others
@@ -127,6 +145,10 @@ def calibrate(frames: MapFrames, order: PlaceFrames, pairs: _Pairs, solve: Any) 
         order: Its places.
         pairs: What it learns from.
         solve: Gives the projection by some of the pairs.
+
+    Returns:
+        The calibration; and of the same frames, each from the last 10, the probability of the best match and whether it
+        is right.
     """
     column = {int(place): index for index, place in enumerate(order.places)}
     queries = np.flatnonzero(frames.sure | (frames.between >= 0))
@@ -148,7 +170,25 @@ def calibrate(frames: MapFrames, order: PlaceFrames, pairs: _Pairs, solve: Any) 
         scores[mine] = order.fuse(found)
     scores[~np.isfinite(scores)] = np.nan  # a place of the query's own drive alone
     seen = ~np.isnan(scores[np.arange(len(queries)), true])
-    return fit_calibration(scores[seen], true[seen], _REACH)
+    found = fit_calibration(scores[seen], true[seen], _REACH)
+    return found, *_sequence_answers(scores[seen], true[seen], frames.drives[queries[seen]], found)
+
+
+def _sequence_answers(
+    scores: NDArray[np.float32], true: NDArray[np.int64], drives: NDArray[np.int64], calibration: Calibration
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Probability of the best match of every query from the last 10, and whether it is right."""
+    probability, right = np.empty(len(scores), np.float32), np.empty(len(scores), np.bool_)
+    window: deque[NDArray[np.float64]] = deque(maxlen=SEQUENCE)
+    for query, row in enumerate(scores):
+        if query and drives[query] != drives[query - 1]:
+            window.clear()
+        window.append(likelihood_ratios_of(row, calibration))
+        posterior, _ = window_posterior(window, scores.shape[1])
+        place = int(MAP_MODEL.worth(posterior[None])[0].argmax())
+        probability[query] = posterior[max(place - _REACH, 0) : place + _REACH + 1].sum()
+        right[query] = abs(place - int(true[query])) <= _REACH
+    return probability, right
 
 
 def _pairs(frames: MapFrames, order: PlaceFrames, there: NDArray[np.float32], weights: NDArray[np.float64]) -> _Pairs:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from everplace.errors import MapError, StorageError
 from everplace.files import readable
+from everplace.mapping.image_statistics import STATISTICS
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -110,7 +111,8 @@ class MapTables:
                 ("drive", pa.string()), ("number", pa.int64()), ("stem", pa.string()), ("place", pa.int64()),
                 ("position", pa.float64()), ("sure", pa.bool_()), ("between", pa.int64()),
                 ("x", pa.float64()), ("y", pa.float64()), ("heading", pa.float64()), ("seconds", pa.float64()),
-                ("features", pa.list_(pa.float16(), features)), ("thumbnail", pa.binary()),
+                ("features", pa.list_(pa.float16(), features)), ("looks", pa.list_(pa.float32(), STATISTICS)),
+                ("thumbnail", pa.binary()),
             ]
         )  # fmt: skip
         states = pa.schema(

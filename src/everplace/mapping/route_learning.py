@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from everplace.adaptation.discriminant import Projection
 from everplace.adaptation.drive_statistics import DriveStatistics, half_differences
 from everplace.adaptation.moments import Moments
 from everplace.adaptation.place_weights import pair_weights, place_weights
@@ -18,6 +19,7 @@ from everplace.adaptation.prior import Prior, load_prior, require_fitting, save_
 from everplace.adaptation.route_adaptation import PRIOR_WEIGHT, adapted_projection, fitting_prior_weight, within_places
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Descriptors
+from everplace.describe.reduced import ReducedDescriber, reduced
 from everplace.describe.registry import open_describer
 from everplace.describe.runs.adapted import AdaptedDescriber, write_adapted
 from everplace.errors import ConfigError, RouteError
@@ -27,11 +29,12 @@ from everplace.mapping.described_drive import light_moments as moments_of_images
 from everplace.mapping.self_teaching import SurePairs, sure_pairs
 from everplace.match.standardise import require_standardisable
 from everplace.progress import Progress, quiet, shown
+from everplace.route.fingerprint import image_digests
 from everplace.route.route import Route
 from everplace.route.selection import Selection, select, spread
 from everplace.route.traverse import Traverse
 
-__all__ = ["Adaptation", "TaughtDrive", "adapt", "drive_statistics", "light_moments"]
+__all__ = ["Adaptation", "Learning", "TaughtDrive", "adapt", "drive_statistics", "light_moments"]
 
 _LIGHT_FRAMES = 512
 """Frames of the map that are looked at in other light."""
@@ -94,7 +97,7 @@ class Adaptation:
 
 
 def adapt(
-    method: str | os.PathLike[str],
+    method: str | os.PathLike[str] | Describer,
     route: Route,
     out: str | os.PathLike[str] | None = None,
     *,
@@ -114,10 +117,11 @@ def adapt(
     second round matches with the descriptor of the first.
 
     Args:
-        method: Any whose descriptors are compared by cosine: a run directory or a name.
+        method: Any whose descriptors are compared by cosine: a run directory or a name; opened already, nothing can be
+            written.
         route: Its first traverse is the map.
         out: The run directory to write; None: nothing is written.
-        dimensions: D; lowered to the map's places less one.
+        dimensions: D; lowered to the map's places less one. Frames of one view are one place.
         self_taught: Match the further traverses instead of believing their names.
         prior: "default" (the shipped one, where there is one for the method), "none", or a file of `save_prior`.
         selection: Which places take part.
@@ -136,34 +140,39 @@ def adapt(
     """
     if dimensions < 1:
         raise ConfigError(f"`dimensions` {dimensions} is not possible; give at least 1")
+    name = method.method if isinstance(method, Describer) else os.fspath(method)
     if out is not None:
+        if isinstance(method, Describer):
+            raise ConfigError("`method` must be a name or a run directory where `out` is given")
         require_free_directory(Path(out))
-    describer = open_describer(method, progress=progress)
+    whole = method if isinstance(method, Describer) else open_describer(method, progress=progress)
+    describer = reduced(whole)
     require_standardisable(describer.method, describer.metric)
     known, origin = _chosen_prior(prior, describer)
-    chosen = select(route, selection or Selection(), progress)
+    chosen = select(route, selection or Selection(), progress, only_shared=not self_taught)
     map_drive, others = chosen.traverses[0], chosen.traverses[1:]
     if len(map_drive) < 3:
         raise RouteError(
             f"the map {map_drive.name!r} has {len(map_drive)} frames; a descriptor is adapted to 3 or more"
         )
-    if others and not self_taught and not all(drive.stems == map_drive.stems for drive in others):
+    if others and not self_taught and not chosen.aligned:
         raise RouteError(
-            f"the traverses {map_drive.name!r} and {others[0].name!r} share no place by their names; find the "
-            "same places with `everplace data align`, or let the drives be matched with `self_taught`"
+            f"the traverses of {readable(route.root)} {route.why_not_aligned}; find the same places with `everplace "
+            "data align`, or let the drives be matched with --self-taught"
         )
-    if self_taught and not others:
-        raise RouteError("there is no drive but the map to learn from; give two traverses, the map first")
+    if not others and (self_taught or teach is not None):
+        option = "--self-taught" if self_taught else "--teach-frames"
+        raise RouteError(f"{option} wants a drive beside the map {map_drive.name!r} to learn from; give two traverses")
 
     described = describer.describe(map_drive, progress=progress)
     base = drive_statistics(described.values, light_moments(describer, map_drive, progress))
     taught = [drive[teach] if teach is not None else drive for drive in others]
     for drive in taught:
         if not len(drive):
-            raise RouteError(f"no frame of {drive.name!r} is left to learn from; begin `teach` lower")
+            raise RouteError(f"no frame of {drive.name!r} is left to learn from; begin --teach-frames lower")
     features = [describer.describe(drive, progress=progress) for drive in taught]
 
-    learn = _Learning(base, described, features, dimensions, known)
+    learn = Learning(base, described, features, dimensions, known)
     if self_taught:
         pairs = shown(progress, "matching the drives", learn.matched)
     else:
@@ -177,9 +186,10 @@ def adapt(
         for drive, found in zip(taught, pairs, strict=True)
     )
     settings: dict[str, str | int | float | bool] = {
-        "method": os.fspath(method),
+        "method": name,
         "map": map_drive.name,
-        "places": len(map_drive),
+        "frames": len(map_drive),
+        "places": round(base.places.weight),
         "dimensions": len(projection.bias),
         "self_taught": self_taught,
         "prior": origin,
@@ -187,14 +197,18 @@ def adapt(
         "pairs": sum(len(found.frames) for found in pairs),
     }
     seen = frozenset(stem for drive, found in zip(taught, pairs, strict=True) for stem in _stems(drive, found))
-    result = AdaptedDescriber(describer, projection, settings, seen)
+    if isinstance(describer, ReducedDescriber):  # one map instead of two
+        projection = Projection(projection.weight @ describer.matrix, projection.bias)
+    images = [drive.take(found.frames) for drive, found in zip(taught, pairs, strict=True)]
+    digests = frozenset(digest for part in images for digest in image_digests(part, progress))
+    result = AdaptedDescriber(whole, projection, settings, seen, digests)
     if save_prior_to is not None:
         within = within_places(learn.statistics(pairs)[0], None, 0.0)
         save_prior(Path(save_prior_to), Prior.of(within, describer.method, describer.settings()))
     adaptation = Adaptation(result, map_drive, drives, dimensions, origin, weight, settings)
     if out is not None:
         with whole_directory(Path(out)) as directory:
-            write_adapted(directory, os.fspath(method), projection, settings, seen, describer.dimension)
+            write_adapted(directory, name, result, settings)
     return adaptation
 
 
@@ -219,7 +233,7 @@ def light_moments(describer: Describer, drive: Traverse, progress: Progress = qu
     return moments_of_images(list(decode_images(chosen.paths, describer.image)), describer, progress)
 
 
-class _Learning:
+class Learning:
     """A map and drives, described, from which pairs and in the end a projection are made."""
 
     def __init__(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from everplace.adaptation.discriminant import Projection
 from everplace.adaptation.prior import Prior, shipped_prior
 from everplace.describe.describer import Describer
+from everplace.describe.reduced import reduced
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MapError
 from everplace.files import readable
@@ -36,7 +37,6 @@ from everplace.route.traverse import Traverse
 
 __all__ = ["AddedDrive", "Map", "default_method"]
 
-_CONDITION_FRAMES = 4000
 _SOURCE = Traverse | str | os.PathLike[str]
 
 
@@ -127,7 +127,7 @@ class Map:
         tables = _connected(address)
         with _writing(address):
             _require_free(tables)
-            describer = open_describer(method or default_method(), progress=progress)
+            describer = reduced(open_describer(method or default_method(), progress=progress))
             require_standardisable(describer.method, describer.metric)
             drive_frames = open_drive(drive)
             name = name or drive_frames.name
@@ -198,13 +198,19 @@ class Map:
         return Projection(arrays["weight"].astype(np.float64), arrays["bias"].astype(np.float64))
 
     @property
+    def held_out_answers(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Probability of the best match of frames of the map that were held out, and whether it was right."""
+        arrays = self._state.arrays
+        return arrays["held_out.probability"], arrays["held_out.right"].astype(np.bool_)
+
+    @property
     def condition_model(self) -> ConditionModel:
         """Tells conditions apart."""
         prefix = "condition."
         arrays = {
             key.removeprefix(prefix): array for key, array in self._state.arrays.items() if key.startswith(prefix)
         }
-        return ConditionModel.from_arrays(arrays, self.conditions)
+        return ConditionModel.from_arrays({**arrays, "conditions": np.array(self.document["known_conditions"])})
 
     def describer(self) -> Describer:
         """The map's method, opened once.
@@ -213,7 +219,7 @@ class Map:
             MapError: It gives other numbers here than those in the map.
         """
         if self._describer is None:
-            describer = open_describer(self.method)
+            describer = reduced(open_describer(self.method))
             if dict(describer.settings()) != dict(self.document["settings"]):
                 raise MapError(
                     f"the map {readable(self.address)} was made with {self.method} of other settings than it has here "
@@ -388,22 +394,24 @@ class Map:
             if not len(named.frames):
                 raise MapError("`align` names: no frame of the drive has the name of one of the map; align by images")
             return placed(named, order.places, order.positions, "names")
-        scores = self._scores(described, order, table["drive"].to_pylist())
-        seen = sure_pairs_of_scores(scores)
+        scores, vectors = self._scores(described, order, table["drive"].to_pylist())
+        seen = sure_pairs_of_scores(scores, vectors)
         share = agreement(named, seen)
         if align == "auto" and believed(share):
             return placed(named, order.places, order.positions, "names", share, scores)
         return placed(seen, order.places, order.positions, "images", share, scores)
 
-    def _scores(self, described: DescribedDrive, order: PlaceFrames, drives: list[str]) -> NDArray[np.float32]:
-        """M×P, every drive centred by its own mean, as a whole drive is at hand."""
+    def _scores(
+        self, described: DescribedDrive, order: PlaceFrames, drives: list[str]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """M×P scores, and P×D descriptors; every drive centred by its own mean, as a whole drive is at hand."""
         there = self.descriptors()
         names = np.array(drives)
         for name in self.drives:
             there[names == name] -= there[names == name].mean(axis=0)
         here = project(described.features, self.projection)
         here -= here.mean(axis=0)
-        return order.fuse(directions(here) @ directions(there[order.rows]).T)
+        return order.fuse(directions(here) @ directions(there[order.rows]).T), there[order.first]
 
 
 def default_method() -> str:
@@ -424,7 +432,7 @@ def _learnt(
     learns: bool = True,
 ) -> MapState:
     """Learns from the frames of a new version, and commits it."""
-    wanted = ["place", "position", "sure", "features", "between"]
+    wanted = ["place", "position", "sure", "features", "looks", "between"]
     table = tables.frames(MapState(0, "", document, {}, frames_version), wanted)
     number = {one["name"]: index for index, one in enumerate(document["drives"])}
     features = as_matrix(table["features"])
@@ -441,19 +449,24 @@ def _learnt(
     new = dict(document)
     if learns or not state.version:
         prior = _prior(document)
-        projection, calibration, learnt = shown(
+        learnt = shown(
             progress,
             "learning from the drives",
             lambda: learn(frames, light_of(arrays), int(document["dimensions"]), prior),
         )
-        kept |= {"weight": projection.weight.astype(np.float32), "bias": projection.bias.astype(np.float32)}
-        new |= {"calibration": calibration.to_dict(), "learnt": learnt}
+        kept |= {
+            "weight": learnt.projection.weight.astype(np.float32),
+            "bias": learnt.projection.bias.astype(np.float32),
+            "held_out.probability": learnt.probability,
+            "held_out.right": learnt.right.astype(np.uint8),
+        }
+        new |= {"calibration": learnt.calibration.to_dict(), "learnt": learnt.known}
     projection = Projection(kept["weight"].astype(np.float64), kept["bias"].astype(np.float64))
-    some = np.unique(np.linspace(0, len(features) - 1, min(_CONDITION_FRAMES, len(features))).round().astype(np.int64))
-    conditions = [document["drives"][frames.drives[row]]["condition"] for row in some.tolist()]
-    kept |= {
-        f"condition.{key}": array for key, array in ConditionModel.fit(features[some], conditions).to_arrays().items()
-    }
+    model = ConditionModel.fit(
+        as_matrix(table["looks"]), [document["drives"][drive]["condition"] for drive in frames.drives]
+    )
+    kept |= {f"condition.{key}": array for key, array in model.to_arrays().items() if key != "conditions"}
+    new["known_conditions"] = list(model.conditions)
     descriptors = tables.write_descriptors(project(features, projection))
     return tables.commit(state.version + 1, new, kept, frames_version, descriptors)
 
@@ -477,6 +490,7 @@ def _rows(name: str, described: DescribedDrive, placement: Placement) -> dict[st
         "heading": described.poses[:, 2].copy(),
         "seconds": described.seconds,
         "features": described.features,
+        "looks": described.looks,
         "thumbnail": list(described.thumbnails),
     }
 

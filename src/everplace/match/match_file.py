@@ -54,7 +54,7 @@ def write_matches(
     """
     writers = {"csv": _write_csv, "hloc-pairs": _write_hloc_pairs, "kapture": _write_kapture}
     if format not in writers:
-        raise ConfigError(f"--format {format} is not known; choose {', '.join(writers)}")
+        raise ConfigError(f"`format` {format!r} is not known; choose {', '.join(writers)}")
     if indices.shape != scores.shape or indices.ndim != 2 or len(indices) != len(query):
         raise DescriptorsError(
             f"indices of shape {indices.shape} and scores of shape {scores.shape} are no matches of "

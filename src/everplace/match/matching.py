@@ -31,7 +31,8 @@ class Matching:
     """Options of the match; each is named wherever a result of it is.
 
     Attributes:
-        standardise: Subtract each traverse's mean descriptor (`centre`), also divide by its spread (`full`).
+        standardise: Subtract each traverse's mean descriptor (`centre`), also divide by its spread (`full`), or
+            subtract the mean of the frames so far (`running`), as a robot can that is still under way.
         sequence: Number of last frames that score each place; 1: frame by frame.
         sequence_method: How, see `everplace.sequences.sequence_search`.
     """
@@ -133,18 +134,18 @@ class Matches:
         if self.kind == "log-probability":
             return np.asarray(np.exp(scores))
         raise ConfigError(
-            f"--min-probability does not apply: the scores ({self.kind}) are no probabilities; add --sequence L with "
+            f"`min_probability` does not apply: the scores ({self.kind}) are no probabilities; add `sequence` L with "
             "the filter, or describe both with a run of fabmap"
         )
 
-    def accepted(self, least: float | None = None) -> NDArray[np.bool_]:
+    def accepted(self, min_probability: float | None = None) -> NDArray[np.bool_]:
         """M×K: the matches that exist, and of at least this probability.
 
         Raises:
             ConfigError: A probability is asked for, but the scores are none.
         """
         exist = self.scores > -np.inf
-        return exist if least is None else exist & (self.probability() >= least)
+        return exist if min_probability is None else exist & (self.probability() >= min_probability)
 
 
 def find_matches(
@@ -166,9 +167,9 @@ def find_matches(
     kind = matching.score_kind(query.metric)
     if exclude is not None:
         if exclude < 1:
-            raise ConfigError(f"--exclude {exclude} is not possible; give a number of frames of at least 1")
+            raise ConfigError(f"`exclude` {exclude} is not possible; give a number of frames of at least 1")
         if query.names != database.names:
-            raise ConfigError("--exclude is for one and the same drive, but the two name other frames; leave it out")
+            raise ConfigError("`exclude` is for one and the same drive, but the two name other frames; leave it out")
     if matching.sequence > 1:
         S = similarity(*_standardised(query, database, matching))
         _exclude(S, 0, exclude, np.nan)
@@ -212,4 +213,5 @@ def _on_map(log_odds: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
 def _standardised(query: Descriptors, database: Descriptors, matching: Matching) -> tuple[Descriptors, Descriptors]:
     if matching.standardise is None:
         return query, database
-    return standardise(query, matching.standardise), standardise(database, matching.standardise)
+    start = database.values.mean(axis=0, dtype=np.float64)
+    return standardise(query, matching.standardise, start=start), standardise(database, matching.standardise)

@@ -29,8 +29,8 @@ def new_place_probability(query: Descriptors, database: Descriptors) -> NDArray[
     """
     if {query.metric, database.metric} != {"place-posterior"}:
         raise DescriptorsError(
-            f"descriptors of {query.method} and {database.method} are no words of FAB-MAP; describe both with one run "
-            "of fabmap"
+            f"descriptors of {query.known_as} and {database.known_as} are no words of FAB-MAP; describe both with "
+            "one run of fabmap"
         )
     return np.exp(PlacePosterior(query.values, database.values).log_new_place())
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from everplace.describe.files.descriptors import Descriptors
 from everplace.errors import ConfigError, DescriptorsError
 from everplace.fabmap.place_posterior import PlacePosterior
+from everplace.files import readable, shortened
 from everplace.match.equal_rows import EqualRows
 from everplace.threads import usable_cores
 
@@ -150,7 +151,7 @@ def best_columns(S: NDArray[np.floating[Any]], k: int) -> tuple[NDArray[np.int64
 
 def _require_some(k: int) -> None:
     if k < 1:
-        raise ConfigError(f"the best {k} matches were asked for (--top); give at least 1")
+        raise ConfigError(f"the best {k} matches were asked for (`k`); give at least 1")
 
 
 def _columns_of(keys: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -212,17 +213,19 @@ class _Comparison:
 
 def _require_comparable(query: Descriptors, database: Descriptors) -> None:
     for what in ("method", "metric", "dimension"):
-        ours, theirs = getattr(query, what), getattr(database, what)
-        if ours != theirs:
-            raise DescriptorsError(
-                f"the {what} of the query is {ours} and of the database {theirs}; describe both alike"
-            )
+        _require_equal(what, getattr(query, what), getattr(database, what), query, database)
     for name in sorted({*query.settings, *database.settings}):
         ours, theirs = query.settings.get(name, "not set"), database.settings.get(name, "not set")
-        if ours != theirs:
-            raise DescriptorsError(
-                f"the setting {name} of the query is {ours} and of the database {theirs}; describe both alike"
-            )
+        _require_equal(f"setting {shortened(readable(name))}", ours, theirs, query, database)
+
+
+def _require_equal(what: str, ours: object, theirs: object, query: Descriptors, database: Descriptors) -> None:
+    if ours != theirs:
+        asked, known = ("" if of.path is None else f" {readable(of.path)}" for of in (query, database))
+        first, second = (shortened(readable(str(value))) for value in (ours, theirs))
+        raise DescriptorsError(
+            f"the {what} of the query{asked} is {first} and of the database{known} {second}; describe both alike"
+        )
 
 
 def _directions(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -154,22 +154,41 @@ class Encoder(nn.Module):
         Returns:
             The posterior, in float32 also under autocast, as the bound needs it.
         """
+        x = self.features(images)
+        mean = self.z_mean(x).float()
+        if self.z_log_variance is None:
+            return Posterior(mean, None)
+        if self.place_projection is not None:
+            mean = self.split.join(self.projected_place(images), mean)
+        # A bounded log-variance keeps exp() finite in the first steps; +-10 is far outside what training reaches.
+        log_variance = self.z_log_variance(x).float().clamp(-10.0, 10.0)
+        return Posterior(mean, log_variance)
+
+    def features(self, images: Tensor) -> Tensor:
+        """What mean and log-variance are read off: (B, C, H, W) in [0, 1] to the end of the fully connected chain."""
         x = images - 0.5
         for convolution in self.convolutions:
             x = convolution(x)
         x = x.flatten(1)
         for layer in self.fully_connected:
             x = layer(x)
-        mean = self.z_mean(x).float()
-        if self.z_log_variance is None:
-            return Posterior(mean, None)
-        if self.gradients is not None and self.place_projection is not None:
-            # The projection is a difference of many large numbers, too fine for bfloat16.
-            with torch.autocast(images.device.type, enabled=False):
-                mean = self.split.join(self.place_projection(self.gradients(images)), mean)
-        # A bounded log-variance keeps exp() finite in the first steps; +-10 is far outside what training reaches.
-        log_variance = self.z_log_variance(x).float().clamp(-10.0, 10.0)
-        return Posterior(mean, log_variance)
+        return x
+
+    def projected_place(self, images: Tensor) -> Tensor:
+        """The mean of z_p of an encoder with oriented gradients, which needs no convolution.
+
+        Args:
+            images: (B, C, H, W) in [0, 1].
+
+        Returns:
+            (B, P) float32, also under autocast: the projection is a difference of many large numbers, too fine for
+            bfloat16.
+        """
+        assert self.gradients is not None
+        assert self.place_projection is not None
+        with torch.autocast(images.device.type, enabled=False):
+            mean: Tensor = self.place_projection(self.gradients(images))
+        return mean
 
 
 class Decoder(nn.Module):

@@ -17,7 +17,7 @@ from everplace.files import readable
 from everplace.model.architecture import flattened_size
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.model_config import ModelConfig
-from everplace.model.provenance import plain_values, stems_seen
+from everplace.model.provenance import images_seen, plain_values, stems_seen
 from everplace.settings import first_problem
 from everplace.tensor_file import load_tensors, save_tensors
 
@@ -46,6 +46,11 @@ class Checkpoint:
     def seen_stems(self) -> frozenset[str]:
         """Stems of all frames that were trained on or chose the epoch; empty where that was not recorded."""
         return stems_seen(self.about)
+
+    @property
+    def seen_images(self) -> frozenset[str]:
+        """The images of these places, told by their content; empty where that was not recorded."""
+        return images_seen(self.about)
 
     def settings(self) -> dict[str, str | int | float | bool]:
         """What identifies this model: image, how it was trained and chosen, and the hash of its weights."""
@@ -77,7 +82,7 @@ def load_checkpoint(run: str | Path) -> Checkpoint:
     """
     run = Path(run)
     if not run.is_dir():
-        raise CheckpointError(f"{readable(run)} is not a run directory; give the --out of everplace train")
+        raise CheckpointError(f"{readable(run)} is not a run directory; give one that everplace train wrote")
     tensors, document = load_tensors(run, CHECKPOINT_NAME, _FORMAT)
     try:
         config = ModelConfig.model_validate(document.get("model"))

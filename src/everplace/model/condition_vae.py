@@ -105,11 +105,16 @@ class ConditionVAE(nn.Module):
     def descriptor(self, images: Tensor) -> Tensor:
         """The place descriptor: the posterior mean of z_p (of all of z for the plain VAE, the code for the CAE).
 
+        It is that of `encoder`, to the bit, without what only the variance needs; with oriented gradients, where z_p
+        is read off no feature map, without the convolutions.
+
         Args:
             images: (B, C, H, W) in [0, 1].
 
         Returns:
             (B, 96) float32; (B, 128) for the VAE and the CAE.
         """
-        mean: Tensor = self.encoder(images).mean
+        if self.encoder.place_projection is not None:
+            return self.encoder.projected_place(images)
+        mean: Tensor = self.encoder.z_mean(self.encoder.features(images)).float()
         return self.split.z_p(mean) if self.config.labelled else mean

@@ -25,6 +25,7 @@ _MOST_CELLS = 2048
 
 _TRUTH = "white"
 _RIGHT_MARK = "#56B4E9"
+_BEST_MARK = "white"
 _SIDE = 1.0
 _UNDER = 1.2
 """Inches for the name of a frame beside the matrix and below it."""
@@ -46,6 +47,7 @@ def draw_similarity(
     score: str = "similarity",
     title: str,
     note: str = "",
+    mark_best: bool = False,
 ) -> AxesImage:
     """Draws a similarity matrix as an image, rows = queries.
 
@@ -53,7 +55,7 @@ def draw_similarity(
         axes: Where to draw.
         S: M×N scores, higher = more alike.
         truth: M×N, true where the two frames show the same place; its cells get an outline, and each query's best
-            database frame a ring when it is right, a cross when wrong. None: nothing is marked.
+            database frame a ring when it is right, a cross when wrong. None: nobody knows.
         query: Name of the query traverse.
         database: Name of the database traverse.
         query_names: M names of frames, of which a few stand at the side; without them rows are counted from 0.
@@ -61,6 +63,7 @@ def draw_similarity(
         score: What the numbers are, written beside the colours.
         title: Written above.
         note: Written between the title and the matrix, smaller.
+        mark_best: Mark the best database frame of each query also where the truth is not known.
 
     Returns:
         The image, whose colour scale stands beside it.
@@ -86,6 +89,8 @@ def draw_similarity(
     if truth is not None:
         marks = {"true place": _draw_truth(axes, truth), **_draw_best(axes, S, truth)}
         mark_legend(axes, marks, below=40.0 + slanted)
+    elif mark_best:
+        mark_legend(axes, _draw_best(axes, S, None), below=40.0 + slanted)
     return image
 
 
@@ -163,7 +168,7 @@ def _draw_truth(axes: Axes, truth: NDArray[np.bool_]) -> Artist:
     return Line2D([], [], color=_TRUTH, linewidth=1.4)
 
 
-def _draw_best(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_]) -> dict[str, Artist]:
+def _draw_best(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_] | None) -> dict[str, Artist]:
     """Marks the best database frame of every query; the kinds that do not occur are not explained either."""
     M = len(scores)
     queries = np.arange(M)
@@ -171,11 +176,14 @@ def _draw_best(axes: Axes, scores: NDArray[Any], truth: NDArray[np.bool_]) -> di
     # Right matches lie close together within the outline, which they must not cover; wrong ones lie apart.
     size = float(np.clip(400.0 / M, 2.4, 7.0))
     apart = float(np.clip(800.0 / M, 4.5, 8.0))
-    right = truth[queries, proposed]
-    kinds = {
-        "best match, right": (right, "o", _RIGHT_MARK, "none", size),
-        "best match, wrong": (~right, "x", WRONG, WRONG, apart),
-    }
+    if truth is None:
+        kinds = {"best match": (np.ones(M, np.bool_), "o", _BEST_MARK, "none", size)}
+    else:
+        right = truth[queries, proposed]
+        kinds = {
+            "best match, right": (right, "o", _RIGHT_MARK, "none", size),
+            "best match, wrong": (~right, "x", WRONG, WRONG, apart),
+        }
     marks: dict[str, Artist] = {}
     for name, (here, shape, colour, fill, points) in kinds.items():
         if here.any():

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, field_validator
 
-from everplace.errors import ConfigError
+from everplace.errors import ConfigError, SettingError
 from everplace.settings import Settings, first_problem
 
 __all__ = ["CONDITIONS", "RenderConfig", "render_config"]
@@ -67,6 +67,4 @@ def render_config(values: Mapping[str, Any]) -> RenderConfig:
         option = problem.setting.partition(".")[0]  # an item of a list is told by the list
         if problem.known is not None:
             raise ConfigError(f"render has no option {option!r}; choose from {', '.join(problem.known)}") from error
-        raise ConfigError(
-            f"render option {option!r} is {values.get(option)!r}: {problem.reason}; correct it"
-        ) from error
+        raise SettingError(option, f"{values.get(option)!r} cannot be: {problem.reason}; correct it") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,7 +14,7 @@ from markupsafe import Markup
 
 from everplace.errors import ConfigError
 from everplace.files import write_text
-from everplace.plots.canvas import png_bytes, svg_bytes
+from everplace.plots.canvas import palette_png_bytes, svg_bytes, webp_bytes
 from everplace.report.table_cells import Best, Value, formatted, table_cells
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ _TEMPLATES = Environment(
     loader=PackageLoader("everplace.report"), autoescape=True, trim_blocks=True, undefined=StrictUndefined
 )
 
-_MOST_SVG = 150_000
+_MOST_SVG = 100_000
 """A larger drawing of lines is embedded as pixels: a file of many panels has to open quickly on a phone."""
 
 
@@ -88,7 +89,9 @@ class Section:
         heads, cells = table_cells(header, rows, best, digits)
         return self._add("table", heads=heads, rows=cells, caption=caption)
 
-    def figure(self, figure: Figure, *, alt: str, caption: str = "", dpi: float = 192.0) -> Section:
+    def figure(
+        self, figure: Figure, *, alt: str, caption: str = "", dpi: float = 192.0, photos: bool = False
+    ) -> Section:
         """Adds a matplotlib figure, rendered now.
 
         Args:
@@ -96,12 +99,15 @@ class Section:
             alt: Says what it shows, for readers who cannot see it.
             caption: Written below.
             dpi: Pixels an inch, two for each of the page's; small drawings of lines become SVG instead.
+            photos: Whether it holds photographs, which become WebP; other pixels become PNG of 256 colours.
         """
         width, height = (round(96 * inches) for inches in figure.get_size_inches())
-        data = b"" if any(axes.images for axes in figure.axes) else svg_bytes(figure)
+        data = b"" if photos or any(axes.images for axes in figure.axes) else svg_bytes(figure)
         kind = "image/svg+xml"
-        if not data or len(data) > _MOST_SVG:
-            kind, data = "image/png", png_bytes(figure, dpi)
+        if photos:
+            kind, data = "image/webp", webp_bytes(figure, dpi)
+        elif not data or len(data) > _MOST_SVG:
+            kind, data = "image/png", palette_png_bytes(figure, dpi)
         source = f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
         return self._add("figure", source=source, alt=alt, caption=caption, width=width, height=height)
 
@@ -126,7 +132,7 @@ class Section:
 class Report:
     """One self-contained HTML file: readable offline, on a phone, in the dark and on paper.
 
-    All text is escaped. plotly's script (about 5 MB) is embedded once, and only when a section has a chart.
+    All text is escaped. plotly's script (5 MB, packed 2 MB) is embedded once, and only when a section has a chart.
 
     Example:
         >>> report = Report("Comparison", details={"command": "everplace compare ..."})
@@ -135,16 +141,20 @@ class Report:
         >>> report.write(Path("report.html"))  # doctest: +SKIP
     """
 
-    def __init__(self, title: str, *, subtitle: str = "", details: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, title: str, *, subtitle: str = "", lead: str = "", details: Mapping[str, str] | None = None
+    ) -> None:
         """Starts an empty report.
 
         Args:
             title: The heading of the page and the name of its window.
             subtitle: One sentence below it.
+            lead: What the report says, in a sentence or two.
             details: Where the report comes from: names and values such as the command, the date, the version.
         """
         self.title = title
         self.subtitle = subtitle
+        self.lead = lead
         self.details = dict(details or {})
         self.sections: list[Section] = []
 
@@ -162,9 +172,14 @@ class Report:
 
     def html(self) -> str:
         """Returns the whole page; bytes of a file name that are no UTF-8 stay readable."""
-        plotly = _plotly_script() if any(section.has_charts for section in self.sections) else ""
+        plotly = _packed_plotly() if any(section.has_charts for section in self.sections) else ""
         page = _TEMPLATES.get_template("page.html").render(
-            title=self.title, subtitle=self.subtitle, details=self.details, sections=self.sections, plotly=plotly
+            title=self.title,
+            subtitle=self.subtitle,
+            lead=self.lead,
+            details=self.details,
+            sections=self.sections,
+            plotly=plotly,
         )
         return page.encode("utf-8", "backslashreplace").decode("utf-8")
 
@@ -180,7 +195,8 @@ class Report:
         write_text(path, self.html())
 
 
-def _plotly_script() -> Markup:
+def _packed_plotly() -> str:
+    """Plotly's script as base64 of gzip, which `charts.js` unpacks."""
     from plotly.offline import get_plotlyjs
 
-    return Markup(get_plotlyjs())
+    return base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode("ascii")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from everplace.errors import RouteError
 from everplace.files import readable
+from everplace.git_lfs import refuse_pointer
 from everplace.regular_files import open_regular_text
 from everplace.route.spelling import spelling_hint
 
@@ -85,6 +86,7 @@ class CsvTable:
         """
         self.path = path
         self._remedy = remedy
+        refuse_pointer(path, RouteError)
         with self._lines() as lines:
             self.columns = [name.strip() for name in next(lines, [])]
         while self.columns and not self.columns[-1]:

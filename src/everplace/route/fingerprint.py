@@ -13,7 +13,7 @@ from everplace.progress import Progress, quiet
 from everplace.route.traverse import Traverse
 from everplace.threads import usable_cores
 
-__all__ = ["file_digests", "fingerprint", "traverse_fingerprint"]
+__all__ = ["file_digests", "fingerprint", "image_digests", "traverse_fingerprint"]
 
 _FILES_A_TASK = 64
 
@@ -45,6 +45,21 @@ def file_digests(traverse: Traverse, progress: Progress = quiet) -> Iterator[byt
     starts = range(0, len(traverse), _FILES_A_TASK)
     with ThreadPoolExecutor(min(8, usable_cores()), thread_name_prefix="hash") as pool:
         yield from progress(pool.map(digests, starts), f"reading {traverse.name}", len(starts))
+
+
+def image_digests(traverse: Traverse, progress: Progress = quiet) -> list[str]:
+    """What tells each image file by its content, wherever it lies and whatever it is called: 48 bits, in hex, in order.
+
+    Args:
+        traverse: The frames.
+        progress: Told of the files read.
+
+    Raises:
+        ImageError: A file cannot be read.
+    """
+    joined = b"".join(file_digests(traverse, progress))
+    size = hashlib.sha256().digest_size
+    return [joined[start : start + 6].hex() for start in range(0, len(joined), size)]
 
 
 def traverse_fingerprint(traverse: Traverse, progress: Progress = quiet) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.images.decoding import IMAGE_ENDINGS, is_image_name
+from everplace.images.frame_names import choose_frames, unread_pictures
 from everplace.route.csv_table import read_poses
 from everplace.route.natural_order import natural_sorted
 from everplace.route.route_toml import ROUTE_TOML, RouteToml, TraverseToml
@@ -30,7 +31,8 @@ _ENDINGS = tuple(sorted(IMAGE_ENDINGS))
 def read_traverses(root: Path, settings: RouteToml) -> tuple[Traverse, ...]:
     """Lists a route's directory; no image is opened.
 
-    Hidden files and directories are left out, and so are files without an image's ending. A directory without
+    Hidden files and directories are left out, and so are files without an image's ending; a warning counts the
+    pictures and recordings among them. A directory without
     images is an error, unless route.toml ignores it or finds poses in it.
 
     Args:
@@ -43,6 +45,7 @@ def read_traverses(root: Path, settings: RouteToml) -> tuple[Traverse, ...]:
     Raises:
         RouteError: `root` is missing or not a route, a traverse is empty, holds a stem twice or a name that
             is not UTF-8, or its poses are wrong.
+        MissingExtraError: A frame is HEIC or AVIF, and what reads that is not installed.
     """
     names = [
         name
@@ -127,10 +130,11 @@ def _list_traverse(root: Path, name: str, settings: TraverseToml) -> Traverse:
     directory = root / name
     stems, endings = _frames(directory, settings.pattern)
     if not stems:
+        unread = unread_pictures(list_directory(directory)[1])
         wanted = f"matches {settings.pattern!r}" if settings.pattern else f"ends in {', '.join(_ENDINGS)}"
         raise RouteError(
-            f"the traverse {readable(directory)} is empty: no file in it {wanted}; add its images, remove "
-            f"the directory, or name it under `ignore` in {ROUTE_TOML}"
+            f"the traverse {readable(directory)} is empty: no file in it {wanted}{unread}; add its images, "
+            f"remove the directory, or name it under `ignore` in {ROUTE_TOML}"
         )
     return Traverse(name=name, condition=settings.condition or name, root=directory, stems=stems, endings=endings)
 
@@ -138,7 +142,7 @@ def _list_traverse(root: Path, name: str, settings: TraverseToml) -> Traverse:
 def _frames(directory: Path, pattern: str | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Returns the stems in a traverse's directory in natural order, and the file ending of each."""
     names = list_directory(directory)[1]
-    names = _images(names) if pattern is None else fnmatch.filter(names, pattern)
+    names = choose_frames(directory, names, recordings=True) if pattern is None else fnmatch.filter(names, pattern)
     _refuse_foreign_bytes(directory, names)
     if ending := _common_ending(names):
         stems = natural_sorted([name[: -len(ending)] for name in names])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
+import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from everplace.errors import ImageError, StorageError
 from everplace.files import cache_directory, readable
 from everplace.images.decoding import decode_encoded, read_image_bytes
 from everplace.images.formats import image_size
+from everplace.images.sixteen_bits import SixteenBits
 from everplace.progress import Progress, quiet
 from everplace.route.natural_order import natural_sorted
 from everplace.route.numbering import Gap, find_gaps
@@ -117,7 +119,7 @@ class Inspection:
 
 
 def inspect_route(route: Route, progress: Progress = quiet) -> Inspection:
-    """Looks at every file of a route.
+    """Looks at every file of a route; a warning counts 16-bit frames that use a small part of their range.
 
     Args:
         route: The traverses; frames that cannot be decoded are noted, not raised.
@@ -158,6 +160,7 @@ class _Look(NamedTuple):
     size: tuple[int, int]
     pixels: NDArray[np.uint8]
     problem: str
+    scale: SixteenBits
 
 
 @dataclass(frozen=True)
@@ -174,13 +177,15 @@ class _Looks:
 
 
 def _look_at(path: Path) -> _Look:
+    scale = SixteenBits()
     try:
         data = read_image_bytes(path)
-        pixels = decode_encoded(readable(path), data, FILTER_IMAGE)
+        pixels = decode_encoded(readable(path), data, FILTER_IMAGE, scale)
     except ImageError as error:
-        return _Look(bytes(_DIGEST_BYTES), 0, (0, 0), np.zeros((_HEIGHT, _WIDTH, 1), dtype=np.uint8), str(error))
+        nothing = np.zeros((_HEIGHT, _WIDTH, 1), dtype=np.uint8)
+        return _Look(bytes(_DIGEST_BYTES), 0, (0, 0), nothing, str(error), scale)
     digest = hashlib.sha256(data).digest()[:_DIGEST_BYTES]
-    return _Look(digest, len(data), image_size(readable(path), data), pixels, "")
+    return _Look(digest, len(data), image_size(readable(path), data), pixels, "", scale)
 
 
 def _look_at_all(traverse: Traverse, progress: Progress) -> _Looks:
@@ -190,6 +195,7 @@ def _look_at_all(traverse: Traverse, progress: Progress) -> _Looks:
     sizes: Counter[tuple[int, int]] = Counter()
     problems: dict[str, str] = {}
     total = 0
+    scale = SixteenBits()
 
     def pictures() -> Iterator[NDArray[np.uint8]]:
         nonlocal total
@@ -197,6 +203,7 @@ def _look_at_all(traverse: Traverse, progress: Progress) -> _Looks:
         for index, look in enumerate(progress(looks, f"looking at {traverse.name}", N)):
             digests[index] = np.frombuffer(look.digest, dtype=np.uint8)
             total += look.bytes
+            scale.add(look.scale)
             if look.problem:
                 broken[index] = True
                 problems[traverse.stems[index]] = look.problem
@@ -205,6 +212,8 @@ def _look_at_all(traverse: Traverse, progress: Progress) -> _Looks:
             yield look.pixels
 
     small = _on_disk(pictures(), N)
+    for note in scale.notes(readable(traverse.name)):
+        warnings.warn(note, stacklevel=1)
     return _Looks(digests, small, broken, dark_places([small]) & ~broken, total, sizes, problems)
 
 

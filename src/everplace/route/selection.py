@@ -7,6 +7,7 @@ look like the last one kept (stops) are left out, in all traverses at once.
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -57,7 +58,7 @@ class Selection:
     drop_stationary: bool = False
 
 
-def parse_frames(text: str, option: str = "--frames") -> slice:
+def parse_frames(text: str, option: str = "`frames`") -> slice:
     """Reads `A:B`; either side may be left out.
 
     Args:
@@ -250,7 +251,7 @@ def _filtered(route: Route, selection: Selection, progress: Progress) -> NDArray
             kept &= ~stationary_places(pixels, kept)
     places = np.flatnonzero(kept)
     if not len(places):
-        raise RouteError(f"all {total} places of {readable(route.root)} are dark; leave out --drop-dark")
+        raise RouteError(f"all {total} places of {readable(route.root)} are dark; leave out `drop_dark=True`")
     return places
 
 
@@ -259,7 +260,14 @@ def _sliced(route: Route, places: NDArray[np.int64], selection: Selection) -> ND
     chosen = places if selection.frames is None else places[selection.frames]
     if not len(chosen):
         raise RouteError(
-            f"--frames begins at position {selection.frames.start if selection.frames else 0}, but "
+            f"`frames` begins at position {selection.frames.start if selection.frames else 0}, but "
             f"{readable(route.root)} has only {len(places)} places left; begin lower"
+        )
+    stop = None if selection.frames is None else selection.frames.stop
+    if stop is not None and stop > len(places):
+        warnings.warn(
+            f"`frames` ends at {stop}, but {readable(route.root)} has only {len(places)} places, so {len(chosen)} "
+            "take part",
+            stacklevel=3,
         )
     return chosen

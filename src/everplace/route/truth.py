@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.errors import ConfigError, RouteError
+from everplace.errors import ConfigError, NotAlignedError, RouteError
 from everplace.files import readable, whole_file
 from everplace.route.csv_table import CsvTable, TableRow
 from everplace.route.natural_order import natural_sorted
@@ -173,12 +173,12 @@ def truth_by_position(
 
     Raises:
         ConfigError: The tolerance is negative.
-        RouteError: The traverses share no stem.
+        NotAlignedError: The traverses share no stem.
     """
     if tolerance < 0:
         raise ConfigError(f"tolerance {tolerance} is negative; give 0 or a number of frames")
     if frozenset(query.stems).isdisjoint(database.stems):
-        raise RouteError(
+        raise NotAlignedError(
             f"the traverses {query.name!r} and {database.name!r} share no stem, so nobody knows which frames "
             "show the same place; name frames of the same place alike, find them with `everplace data align`, or add "
             f"poses and give a radius{spelling_hint(query.stems, database.stems)}"
@@ -229,7 +229,7 @@ def truth_by_pose(query: Traverse, database: Traverse, radius: float) -> NDArray
     from scipy.spatial import KDTree
 
     if not (np.isfinite(radius) and radius > 0):
-        raise ConfigError(f"--radius {radius} is not a positive number of metres; give one")
+        raise ConfigError(f"`radius` {radius} is not a positive number of metres; give one")
     neighbours = KDTree(_positions(database)).query_ball_point(_positions(query), radius)
     truth = np.zeros((len(query), len(database)), dtype=np.bool_)
     for row, columns in enumerate(neighbours):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Descriptors
 from everplace.describe.registry import open_describer
-from everplace.errors import ConfigError, RouteError
+from everplace.errors import ConfigError, NotAlignedError, RouteError
 from everplace.files import readable
 from everplace.match.matching import Matching, compare_descriptors
 from everplace.match.new_place import new_place_summary
@@ -23,6 +24,7 @@ from everplace.route.route import Route
 from everplace.route.selection import Selection, select, select_maps
 from everplace.route.traverse import Traverse
 from everplace.route.truth import truth_by_pose, truth_by_position
+from everplace.scoring.precision_table import AtPrecision, precision_table
 from everplace.scoring.scores import PrecisionRecall, Scores, evaluate, precision_recall
 
 __all__ = ["MatchRule", "Pair", "Retrieval", "choose_pair", "pair_of", "retrieve", "retrieve_pair", "true_matches"]
@@ -38,9 +40,12 @@ def retrieve(
     radius: float | None = None,
     selection: Selection | None = None,
     matching: Matching | None = None,
+    query_frames: slice | None = None,
     progress: Progress = quiet,
 ) -> Retrieval:
     """Looks for the frames of one traverse among those of another, and scores what is found.
+
+    Of traverses that are not aligned nobody knows what is right: their matches are found, and not scored.
 
     Args:
         route: Such as `everplace.open_route` gives.
@@ -52,10 +57,11 @@ def retrieve(
         radius: Metres by which a match may be off, where poses are known.
         selection: Which places take part; None: all.
         matching: How descriptors are compared; None: as they are, frame by frame.
+        query_frames: Places that ask, by position as in `selection.frames`; the map keeps all. None: all ask.
         progress: Told of downloads and of the describing.
 
     Raises:
-        RouteError: A traverse does not exist, nothing is left of the route, or nothing tells the truth.
+        RouteError: A traverse does not exist, nothing is left of the route, or it lacks what is to tell the truth.
         MethodError: The method does not exist or cannot run here.
         CheckpointError: The run directory is damaged.
         ConfigError: Both a tolerance and a radius are given, or the descriptors cannot be standardised.
@@ -63,7 +69,10 @@ def retrieve(
     """
     matching = matching or Matching()
     describer = _opened(method, matching, progress)
-    pair = choose_pair(route, query, database, selection or Selection(), progress)
+    selection = selection or Selection()
+    pair = choose_pair(route, query, database, selection, progress)
+    if query_frames is not None:
+        pair = replace(pair, query=_asking(pair.query, query_frames, selection))
     return retrieve_pair(pair, describer, MatchRule(tolerance, radius), matching, progress=progress)
 
 
@@ -86,12 +95,21 @@ def retrieve_pair(
         described: Descriptors by traverse name that were made before, of at least the pair's frames; None: describe.
         progress: Told of the describing.
     """
-    true, rule = true_matches(pair, truth)
+    why_unscored, true, rule = "", None, None
+    try:
+        true, rule = true_matches(pair, truth)
+    except NotAlignedError as error:
+        if not pair.route.matched_by_stem:  # another truth is there, instead of which one by stems was asked for
+            raise
+        why_unscored = str(error)
     if described is None:
         traverses = {traverse.name: traverse for traverse in (pair.query, pair.database)}
         described = {name: describer.describe(one, progress=progress) for name, one in traverses.items()}
     query = described[pair.query.name].of(pair.query.stems)
     database = described[pair.database.name].of(pair.database.stems)
+    frame_by_frame = None
+    if true is not None and matching.sequence > 1:
+        frame_by_frame = evaluate(compare_descriptors(query, database, replace(matching, sequence=1)), true)
     S = compare_descriptors(query, database, matching)
     return Retrieval(
         pair=pair,
@@ -100,10 +118,24 @@ def retrieve_pair(
         rule=rule,
         similarity=S,
         truth=true,
-        scores=evaluate(S, true),
-        curve=precision_recall(S, true),
+        scores=None if true is None else evaluate(S, true),
+        curve=None if true is None else precision_recall(S, true),
         new_place=new_place_summary(query, database),
+        why_unscored=why_unscored,
+        frame_by_frame=frame_by_frame,
     )
+
+
+def _asking(query: Traverse, frames: slice, selection: Selection) -> Traverse:
+    """The frames of the query at these positions of the list of places, of which `selection.frames` is a part."""
+    first = 0 if selection.frames is None else selection.frames.start or 0
+    asking = query[max((frames.start or 0) - first, 0) : None if frames.stop is None else max(frames.stop - first, 0)]
+    if not len(asking):
+        raise RouteError(
+            f"`query_frames` leaves no frame of {readable(query.name)}, which has the places {first} to "
+            f"{first + len(query) - 1}; choose among these"
+        )
+    return asking
 
 
 def _opened(method: str | os.PathLike[str] | Describer, matching: Matching, progress: Progress) -> Describer:
@@ -152,13 +184,25 @@ class Pair:
     database: Traverse
 
     @property
+    def tested(self) -> Route:
+        """The route of the places that ask: what a method may not know from before."""
+        if not self.route.matched_by_stem:
+            return self.route
+        asked = frozenset(self.query.stems)
+        traverses = []
+        for traverse in self.route.traverses:
+            kept = [index for index, stem in enumerate(traverse.stems) if stem in asked]
+            traverses.append(self.query if traverse.name == self.query.name else traverse.take(kept))
+        return replace(self.route, traverses=tuple(traverses))
+
+    @property
     def warning(self) -> str:
         """What must be said where both sides are the same frames, so that the scores mean nothing; else empty."""
         if self.query.paths != self.database.paths:
             return ""
         return (
             f"query and database are both {readable(self.query.name)!r}, so every frame finds itself and the scores "
-            "say nothing; give two traverses with --query and --database"
+            "say nothing; give two traverses with `query` and `database`"
         )
 
 
@@ -170,24 +214,34 @@ class Retrieval:
         pair: The traverses and their route, after selection.
         describer: The method.
         matching: How descriptors were compared.
-        rule: When a match is right, fully resolved.
+        rule: When a match is right, fully resolved; None where the traverses are not aligned, as are truth, scores and
+            curve.
         similarity: M×N, rows = queries.
         truth: M×N, true where `rule` says that both frames show the same place.
         scores: See `everplace.scoring.scores`.
         curve: The best-match precision-recall curve.
         new_place: Where the method knows the probability that a query shows a place that is not in the database: its
             mean over the queries (`mean_probability`), and how many queries have one above one half (`above_half`).
+        why_unscored: What keeps the matches from being scored, and the remedy; empty where they are.
+        frame_by_frame: The scores without sequences, where sequences are matched.
     """
 
     pair: Pair
     describer: Describer
     matching: Matching
-    rule: MatchRule
+    rule: MatchRule | None
     similarity: NDArray[np.floating[Any]]
-    truth: NDArray[np.bool_]
-    scores: Scores
-    curve: PrecisionRecall
+    truth: NDArray[np.bool_] | None
+    scores: Scores | None
+    curve: PrecisionRecall | None
     new_place: dict[str, float] | None = None
+    why_unscored: str = ""
+    frame_by_frame: Scores | None = None
+
+    @cached_property
+    def precision_table(self) -> dict[str, AtPrecision] | None:
+        """Threshold and recall at some precisions; None where the matches are not scored."""
+        return None if self.truth is None else precision_table(self.similarity, self.truth)
 
     @property
     def query(self) -> Traverse:
@@ -244,12 +298,14 @@ def true_matches(pair: Pair, truth: MatchRule) -> tuple[NDArray[np.bool_], Match
 
     Raises:
         ConfigError: Both a tolerance and a radius are given.
-        RouteError: Poses are missing for a radius, the file of pairs is wrong, or stems that are no places are to tell
-            the truth.
+        RouteError: Poses are missing for a radius, or the file of pairs is wrong.
+        NotAlignedError: Stems are to tell the truth, but are no places, or none is shared.
     """
     route = pair.route
     if truth.tolerance is not None and truth.radius is not None:
-        raise ConfigError("--tolerance and --radius are two truths; give one of them")
+        raise ConfigError("`tolerance` and `radius` are two truths; give one of them")
+    if truth.tolerance is not None and truth.tolerance < 0:  # a mistake, whatever the traverses are
+        raise ConfigError(f"tolerance {truth.tolerance} is negative; give 0 or a number of frames")
     if truth.tolerance is None and truth.radius is None:
         if route.truth is not None:
             return route.truth.matches(pair.query, pair.database), MatchRule(pairs=route.truth.path.name)
@@ -259,9 +315,9 @@ def true_matches(pair: Pair, truth: MatchRule) -> tuple[NDArray[np.bool_], Match
         return truth_by_pose(pair.query, pair.database, truth.radius), truth
     assert truth.tolerance is not None
     if not route.stems_are_places and pair.query.name != pair.database.name:
-        raise RouteError(
+        raise NotAlignedError(
             f"the traverses {pair.query.name!r} and {pair.database.name!r} {route.why_not_aligned}, so nobody knows "
-            "which frames show the same place; add poses and give --radius, or find them with `everplace data align`"
+            "which frames show the same place; add poses and give `radius`, or find them with `everplace data align`"
         )
     places = route[pair.query.name].stems
     return truth_by_position(pair.query, pair.database, truth.tolerance, places), truth

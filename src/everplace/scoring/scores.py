@@ -33,6 +33,7 @@ __all__ = [
     "PrecisionRecall",
     "RecallAt",
     "Scores",
+    "best_proposals",
     "evaluate",
     "precision_recall",
 ]
@@ -165,6 +166,17 @@ def precision_recall(S: NDArray[Any], truth: NDArray[np.bool_]) -> PrecisionReca
     return _curve(*_checked(S, truth))
 
 
+def best_proposals(
+    S: NDArray[Any], truth: NDArray[np.bool_]
+) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Finds the best match of every query; arguments and errors as for `evaluate`.
+
+    Returns:
+        (M,) each: its score, whether it is right, and whether the query has a true match at all.
+    """
+    return _proposals(*_checked(S, truth))
+
+
 def _checked(S: NDArray[Any], truth: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """Returns both as arrays, S as floating point, or raises what is wrong with them."""
     S, truth = np.asarray(S), np.asarray(truth)
@@ -199,14 +211,19 @@ def _row_blocks(shape: tuple[int, ...]) -> Iterator[slice]:
         yield slice(start, start + rows)
 
 
-def _curve(S: NDArray[Any], truth: NDArray[np.bool_]) -> PrecisionRecall:
+def _proposals(S: NDArray[Any], truth: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_]]:
     queries = np.arange(S.shape[0])
     proposal = S.argmax(axis=1)  # the first of equals
-    threshold, point = np.unique(S[queries, proposal], return_inverse=True)
+    sought = np.asarray(truth.any(axis=1))
+    return S[queries, proposal], truth[queries, proposal], sought
+
+
+def _curve(S: NDArray[Any], truth: NDArray[np.bool_]) -> PrecisionRecall:
+    score, right, sought = _proposals(S, truth)
+    threshold, point = np.unique(score, return_inverse=True)
     accepted = np.cumsum(np.bincount(point)[::-1])
-    right = truth[queries, proposal].astype(np.float64)
-    correct = np.cumsum(np.bincount(point, weights=right)[::-1])
-    return PrecisionRecall(correct / truth.any(axis=1).sum(), correct / accepted, threshold[::-1])
+    correct = np.cumsum(np.bincount(point, weights=right.astype(np.float64))[::-1])
+    return PrecisionRecall(correct / sought.sum(), correct / accepted, threshold[::-1])
 
 
 def _recall_at(S: NDArray[Any], truth: NDArray[np.bool_]) -> RecallAt:

@@ -2,7 +2,8 @@
 
 A standing robot sees the same view again, including its chance matches. Counting each of these frames would make the
 filter too sure of itself, a stop would contradict the motion model, and the last L frames would soon be L copies of one
-view. So a frame that repeats the last new one does not count as a frame of the drive.
+view. So a frame that repeats the last new one does not count as a frame of the drive, and of one that repeats it in
+part only the rest is heard (`everplace.sequences.evidence.news`).
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.sequences.route_model import RouteModel, likelihood_ratios
+from everplace.sequences.evidence import likelihood_ratios, news, standardised
+from everplace.sequences.route_model import RouteModel
 
-__all__ = ["View", "change_in_steps", "new_frames"]
+__all__ = ["DriveEvidence", "View", "change_in_steps", "new_frames"]
 
 _FEWEST = 10  # places below which a correlation says nothing
 
@@ -70,27 +72,53 @@ def change_in_steps(before: View, after: View) -> float:
     return change / step if step > 0 and not np.isnan(change) else np.inf
 
 
-def new_frames(S: NDArray[Any], model: RouteModel) -> NDArray[np.int64]:
-    """Finds the frames of a traverse that show something new: `change_in_steps` of at least `RouteModel.repeat`.
+class DriveEvidence:
+    """What the frames of a traverse say of the places, one after the other.
 
-    Each is compared with the last new one, not with the frame before: noise does not add up while a camera stands,
-    and a slow motion does.
-
-    Args:
-        S: M×N scores, M at least 1; rows and columns in the order of travel; NaN: none.
-        model: The assumptions.
-
-    Returns:
-        Positions of the new frames, ascending; the first is 0.
+    Attributes:
+        new: Positions of the V frames that show something new, ascending; the first is 0.
+        shown: V: how many frames show what each of them does.
     """
-    new = [0]
-    last = View.of(likelihood_ratios(S[0], model))
-    for frame in range(1, len(S)):
-        view = View.of(likelihood_ratios(S[frame], model))
-        if change_in_steps(last, view) >= model.repeat:
-            new.append(frame)
-            last = view
-    return np.array(new)
+
+    def __init__(self, S: NDArray[Any], model: RouteModel) -> None:
+        """Finds the new frames: those that bring a `change_in_steps` of at least `RouteModel.repeat`.
+
+        Each is compared with the last new one, not with the frame before: noise does not add up while a camera stands,
+        and a slow motion does.
+
+        Args:
+            S: M×N scores, M at least 1; rows and columns in the order of travel; NaN: none.
+            model: The assumptions.
+        """
+        new, changes = [0], [np.inf]
+        last = View.of(likelihood_ratios(standardised(S[0]), model))
+        for frame in range(1, len(S)):
+            view = View.of(likelihood_ratios(standardised(S[frame]), model))
+            change = change_in_steps(last, view)
+            if change >= model.repeat:
+                new.append(frame)
+                changes.append(change)
+                last = view
+        self.new = np.array(new)
+        self.shown = np.diff(np.append(self.new, len(S)))
+        self._changes = np.array(changes)
+        self._S, self._model = S, model
+
+    def alone(self, view: int) -> NDArray[np.float64]:
+        """Returns N: the likelihood ratios of a new frame of which no frame before is known."""
+        return likelihood_ratios(standardised(self._S[self.new[view]]), self._model)
+
+    def after_others(self, begin: int, end: int) -> NDArray[np.float64]:
+        """Returns (end - begin)×N: the likelihood ratios of new frames, each after the one before it."""
+        first = max(begin - 1, 0)
+        z = standardised(self._S[self.new[first:end]])
+        before = z[np.maximum(np.arange(begin, end) - 1 - first, 0)]
+        return likelihood_ratios(news(z[begin - first :], before, self._changes[begin:end]), self._model)
+
+
+def new_frames(S: NDArray[Any], model: RouteModel) -> NDArray[np.int64]:
+    """Returns the positions of the frames of a traverse that show something new (`DriveEvidence`)."""
+    return DriveEvidence(S, model).new
 
 
 def _ratio(product: float, first: float, second: float) -> float:

@@ -1,7 +1,8 @@
 """Where on the route the robot is, from the frames so far: the forward recursion of `RouteModel`.
 
 `RouteFilter` takes one frame after the other and remembers all; `filter_windows` answers every frame of a traverse
-from the last L frames alone. Both skip frames that merely repeat the last new one (`everplace.sequences.frame_change`).
+from the last L frames alone. Frames that merely repeat the last new one (`everplace.sequences.frame_change`) are not
+counted among the L.
 """
 
 from __future__ import annotations
@@ -14,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.errors import ConfigError, DescriptorsError
-from everplace.sequences.frame_change import View, change_in_steps, new_frames
-from everplace.sequences.route_model import RouteModel, beside, checked_scores, likelihood_ratios
+from everplace.sequences.belief import Belief, Course, Repeats
+from everplace.sequences.evidence import likelihood_ratios, news, standardised
+from everplace.sequences.frame_change import DriveEvidence, View, change_in_steps
+from everplace.sequences.route_model import RouteModel, beside, checked_scores
 from everplace.threads import usable_cores
 
-__all__ = ["Answer", "Belief", "RouteFilter", "answer", "filter_windows"]
+__all__ = ["Answer", "RouteFilter", "answer", "filter_windows"]
 
 _BLOCK = 1 << 16  # states handled at once: half a MiB, which stays in a core's cache
 
@@ -44,65 +47,12 @@ class Answer:
 
 
 @dataclass(slots=True, eq=False)
-class Belief:
-    """The probability of every state of B robots that know nothing of each other; it sums to 1 for each.
+class _Seen:
+    """The last new frame: its scores, what they say of the places, and the part of it that was new."""
 
-    Attributes:
-        on: B×2×N: driving along (0) or against (1) the order of the database, at each place.
-        off: B: not on the map.
-    """
-
-    on: NDArray[np.float64]
-    off: NDArray[np.float64]
-
-    @classmethod
-    def start(cls, model: RouteModel, robots: int, places: int) -> Belief:
-        """Before the first frame: anywhere, in either direction."""
-        on = np.broadcast_to(model.start * model.anywhere(places), (robots, 2, places))
-        return cls(on.copy(), np.full(robots, 1 - model.start))
-
-    def __getitem__(self, rows: slice) -> Belief:
-        """The same probabilities of some of the robots, not copied."""
-        return Belief(self.on[rows], self.off[rows])
-
-    @property
-    def places(self) -> NDArray[np.float64]:
-        """B×N: the probability of every place, in whatever direction."""
-        both: NDArray[np.float64] = self.on.sum(axis=1)
-        return both
-
-    def move(self, model: RouteModel) -> None:
-        """Lets the time of one frame pass."""
-        places = self.on.shape[-1]
-        total = 1 - self.off
-        somewhere = model.jump * total + model.enter * self.off
-        self.off *= 1 - model.enter
-        self.off += model.leave * total
-        headed = self.on * (model.stay * (1 - model.turn))
-        headed += self.on[:, ::-1] * (model.stay * model.turn)
-        np.multiply(headed, model.steps[0], out=self.on)
-        for offset, probability in enumerate(model.steps[1:], start=1):
-            moved = headed * probability
-            inside = max(places - offset, 0)
-            self.on[:, 0, offset:] += moved[:, 0, :inside]
-            self.on[:, 1, :inside] += moved[:, 1, offset:]
-            self.off += moved[:, 0, inside:].sum(axis=1) + moved[:, 1, :offset].sum(axis=1)  # past an end
-        self.on += somewhere[:, None, None] * model.anywhere(places)
-
-    def see(self, ratios: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Weighs the places by one frame each.
-
-        Args:
-            ratios: B×N, of `likelihood_ratios`.
-
-        Returns:
-            B: the log-likelihood ratio of the frame, given those before, to a frame off the map.
-        """
-        self.on *= ratios[:, None, :]
-        total: NDArray[np.float64] = self.on.sum(axis=(1, 2)) + self.off
-        self.on /= total[:, None, None]
-        self.off /= total
-        return np.log(total)
+    z: NDArray[np.float64]
+    view: View
+    ratios: NDArray[np.float64]
 
 
 class RouteFilter:
@@ -128,8 +78,9 @@ class RouteFilter:
             )
         self.model = RouteModel() if model is None else model
         self.reach = reach
-        self._belief = Belief.start(self.model, 1, places)
-        self._last: View | None = None
+        self._places = places
+        self._course: Course | None = None
+        self._last: _Seen | None = None
 
     def update(self, scores: NDArray[Any]) -> Answer:
         """Takes the next frame.
@@ -143,24 +94,30 @@ class RouteFilter:
         Raises:
             DescriptorsError: There are not N scores.
         """
-        places = self._belief.on.shape[-1]
-        if np.shape(scores) != (places,):
+        if np.shape(scores) != (self._places,):
             raise DescriptorsError(
-                f"a frame of scores of shape {np.shape(scores)} does not fit a map of {places} places"
+                f"a frame of scores of shape {np.shape(scores)} does not fit a map of {self._places} places"
             )
-        ratios = likelihood_ratios(scores, self.model)
+        z = standardised(scores)
+        ratios = likelihood_ratios(z, self.model)
         view = View.of(ratios)
-        if self._last is None or change_in_steps(self._last, view) >= self.model.repeat:
-            if self._last is not None:
-                self._belief.move(self.model)
-            self._belief.see(ratios[None])
-            self._last = view
+        if self._course is None or self._last is None:
+            self._course = Course.begin(ratios, self.model)
+            self._last = _Seen(z, view, ratios)
+        else:
+            change = change_in_steps(self._last.view, view)
+            new = change >= self.model.repeat
+            if new:
+                fresh = news(z, self._last.z, np.array(change))
+                self._last = _Seen(z, view, ratios if fresh is z else likelihood_ratios(fresh, self.model))
+            self._course.follow(self._last.ratios, new, self.model)
         return answer(self.probabilities, self.model, self.reach)
 
     @property
     def probabilities(self) -> NDArray[np.float64]:
         """N: the probability of every place after the last frame; what is missing to 1 is "not on the map"."""
-        known: NDArray[np.float64] = self._belief.places[0]
+        belief = Belief.start(self.model, 1, self._places) if self._course is None else self._course.belief
+        known: NDArray[np.float64] = belief.places[0]
         return known
 
 
@@ -175,8 +132,8 @@ def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None
     """Scores every place by the last L frames alone.
 
     Each query has a filter of its own that knows nothing before its L frames: fewer frames at the start. They are the
-    frames i-L+1 to i, unless the robot stood: frames that show the last one again (`RouteModel.repeat`) count as one
-    with it, so that the window holds L different views. With L of at least M it is `RouteFilter`.
+    frames i-L+1 to i, unless some show the last one again (`RouteModel.repeat`): these count as one with it, so that
+    the window holds L different views. With L of at least M it is `RouteFilter`.
 
     Args:
         S: M×N scores; rows and columns in the order of travel; NaN: none.
@@ -193,25 +150,50 @@ def filter_windows(S: NDArray[Any], length: int, model: RouteModel | None = None
     """
     S = checked_scores(S, length)
     known = RouteModel() if model is None else model
-    new = new_frames(S, known)
-    stands = np.diff(np.append(new, len(S)))  # how many frames show what each new one does
+    evidence = DriveEvidence(S, known)
+    new, shown = evidence.new, evidence.shown
     out = np.empty(S.shape, np.float32)
     if length >= len(new):  # every window begins with the drive: one robot answers all frames
-        belief = Belief.start(known, 1, S.shape[1])
-        for frame, stay in zip(new, stands, strict=True):
-            if frame:
-                belief.move(known)
-            belief.see(likelihood_ratios(S[frame : frame + 1], known))
-            out[frame : frame + stay] = log_odds(belief, known)
+        course = Course.begin(evidence.alone(0), known)
+        for view in range(len(new)):
+            ratios = evidence.after_others(view, view + 1)[0]
+            for frame in range(new[view], new[view] + shown[view]):
+                if frame:
+                    course.follow(ratios, frame == new[view], known)
+                out[frame] = log_odds(course.belief, known)[0]
         return out
     size = max(1, _BLOCK // S.shape[1])
 
     def fill(start: int) -> None:
-        rows = slice(start, min(start + size, len(new)))
-        first = max(start - length + 1, 0)
-        ratios = likelihood_ratios(S[new[first : rows.stop]], known)
-        odds = log_odds(_last_frames(ratios, start - first, length, known), known)
-        out[new[start] : new[rows.stop - 1] + stands[rows.stop - 1]] = odds.repeat(stands[rows], axis=0)
+        """Answers the frames of up to `size` views, with a robot for each."""
+        end = min(start + size, len(new))
+        begin = max(start - length + 1, 0)
+        after_others = evidence.after_others(begin, end)
+        belief = Belief.start(known, end - start, S.shape[1])
+        for view in range(begin, end):
+            ratios = after_others[view - begin]
+            due = max(view - start, 0)  # the robots before it have answered
+            begun = min(view + length - 1 - start, end - start) if view else 0  # the others have seen nothing yet
+            under_way = belief[due:begun]
+            under_way.move(known)
+            under_way.see(ratios)
+            active = min(view + length - start, end - start)
+            if begun < active:
+                first = evidence.alone(view)
+                belief[begun:active].see(first)
+                ratios = np.vstack([*[ratios] * (begun - due), *[first] * (active - begun)])
+            answers = view >= start
+            if answers:
+                out[new[view]] = log_odds(belief[due : due + 1], known)[0]
+            if shown[view] > 1:
+                robots = belief[due:active]
+                repeats = Repeats.of(robots, ratios, known)
+                for frame in range(new[view] + 1, new[view] + shown[view]):
+                    repeats.go_on(known)
+                    if answers:
+                        out[frame] = log_odds(repeats[:1].either(), known)[0]
+                either = repeats.either()
+                robots.on[:], robots.off[:] = either.on, either.off
 
     with ThreadPoolExecutor(usable_cores(), "everplace-sequence") as pool:
         for _ in pool.map(fill, range(0, len(new), size)):
@@ -232,18 +214,3 @@ def log_odds(belief: Belief, model: RouteModel) -> NDArray[np.float64]:
     rest += belief.off[:, None]
     odds: NDArray[np.float64] = np.log(model.worth(p)) - np.log(rest)
     return odds
-
-
-def _last_frames(ratios: NDArray[np.float64], before: int, length: int, model: RouteModel) -> Belief:
-    """The belief of every row after the first `before`, which only precede them, from its last `length` frames."""
-    robots, places = len(ratios) - before, ratios.shape[1]
-    belief = Belief.start(model, robots, places)
-    for ago in range(length - 1, -1, -1):
-        frame = before - ago  # of the first robot
-        begun = min(max(-frame, 0), robots)  # the robots before it have no frame so long ago
-        moved = robots if ago == length - 1 else min(max(1 - frame, 0), robots)  # and those before it none before that
-        belief[begun:moved].see(ratios[frame + begun : frame + moved])
-        rest = belief[moved:]
-        rest.move(model)
-        rest.see(ratios[frame + moved : len(ratios) - ago])
-    return belief

@@ -6,15 +6,18 @@ forward, and the rows between are computed again on the way back.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.sequences.frame_change import new_frames
-from everplace.sequences.route_filter import Answer, Belief, answer
-from everplace.sequences.route_model import RouteModel, checked_scores, likelihood_ratios
+from everplace.sequences.belief import Belief, Course
+from everplace.sequences.evidence import repeat_likelihoods
+from everplace.sequences.frame_change import DriveEvidence
+from everplace.sequences.route_filter import Answer, answer
+from everplace.sequences.route_model import GAITS, RouteModel, checked_scores
 
 __all__ = ["best_path", "smooth_route"]
 
@@ -35,27 +38,28 @@ def smooth_route(S: NDArray[Any], model: RouteModel | None = None, *, reach: int
     """
     S = checked_scores(S)
     model = RouteModel() if model is None else model
-    new, places = new_frames(S, model), S.shape[1]
-    frames, exits = len(new), model.exits(places)
+    drive, places = _Drive(S, model), S.shape[1]
+    exits = model.exits(places)
+    kept = [Course.begin(drive.ratios(0), model)]
+    edges = _segments(len(S))
+    for start, end in pairwise(edges):
+        kept.append(_forward(drive, start, end + 1, kept[-1])[-1])
+    later = _Later(np.ones((len(GAITS), places)), 1.0)
+    standing = later
     answers: list[Answer] = []
-    first = Belief.start(model, 1, places)
-    first.see(likelihood_ratios(S[:1], model))
-    kept = [first]
-    for start, end in pairwise(_segments(frames)):
-        kept.append(_forward(S[new[start + 1 : end + 1]], kept[-1], model)[-1])
-    later_on, later_off = np.ones((2, places)), 1.0
-    edges = _segments(frames)
-    for index in range(len(edges) - 1, -1, -1):
-        start, end = edges[index], edges[index + 1] if index + 1 < len(edges) else frames
-        beliefs = _forward(S[new[start + 1 : end]], kept[index], model)
+    for start, end in reversed([*pairwise([*edges, len(S)])]):
+        courses = _forward(drive, start, end, kept.pop())
         for frame in range(end - 1, start - 1, -1):
-            if frame + 1 < frames:
-                ratios = likelihood_ratios(S[new[frame + 1]], model)
-                later_on, later_off = _look_back(ratios, later_on, later_off, model, exits)
-            belief = beliefs[frame - start]
-            on, off = belief.on[0] * later_on, float(belief.off[0]) * later_off
-            answers.append(answer(on.sum(axis=0) / (on.sum() + off), model, reach))
-    return [answers[frames - 1 - frame] for frame in _last_new(new, len(S))]
+            if frame + 1 < len(S):
+                later, standing = _look_back(drive, frame + 1, later, standing, exits)
+            course = courses[frame - start]
+            if course.repeats is None:
+                on, off = later.weigh(course.belief)
+            else:
+                ways = later.weigh(course.repeats.going), standing.weigh(course.repeats.standing)
+                on, off = ways[0][0] + ways[1][0], ways[0][1] + ways[1][1]
+            answers.append(answer(on / (on.sum() + off), model, reach))
+    return answers[::-1]
 
 
 def best_path(S: NDArray[Any], model: RouteModel | None = None) -> NDArray[np.int64]:
@@ -73,28 +77,42 @@ def best_path(S: NDArray[Any], model: RouteModel | None = None) -> NDArray[np.in
     """
     S = checked_scores(S)
     model = RouteModel() if model is None else model
-    new, places = new_frames(S, model), S.shape[1]
-    frames = len(new)
-    on = np.broadcast_to(model.start * model.anywhere(places), (2, places))
-    best = np.log(np.append(on, 1 - model.start)) + _log_ratios(S[0], model)
-    edges = _segments(frames)
-    kept = [best]
+    drive, states = _Drive(S, model), len(GAITS) * S.shape[1] + 1
+    on = np.broadcast_to(model.start * model.anywhere(S.shape[1]), (len(GAITS), S.shape[1]))
+    begun = np.log(np.append(on, 1 - model.start)) + _log_states(drive.ratios(0))
+    kept = [np.append(begun, np.full(states, -np.inf))]
+    edges = _segments(len(S))
     for start, end in pairwise(edges):
-        kept.append(_best_steps(S[new[start + 1 : end + 1]], kept[-1], model)[0])
-    states = np.empty(frames, np.int64)
-    for index in range(len(edges) - 1, -1, -1):
-        start, end = edges[index], edges[index + 1] if index + 1 < len(edges) else frames - 1
-        best, came_from = _best_steps(S[new[start + 1 : end + 1]], kept[index], model)
-        if end == frames - 1:
-            states[end] = best.argmax()
-        for frame in range(end, start, -1):
-            states[frame - 1] = came_from[frame - start - 1, states[frame]]
-    return np.where(states == 2 * places, -1, states % places)[_last_new(new, len(S))]
+        kept.append(_best_steps(drive, start, end + 1, kept[-1])[0])
+    found = np.empty(len(S), np.int64)
+    for start, end in reversed([*pairwise([*edges, len(S)])]):
+        # One frame into the next segment, to come from the state found there.
+        best, came_from = _best_steps(drive, start, min(end + 1, len(S)), kept.pop())
+        if end == len(S):
+            found[-1] = best.argmax()
+        for frame in range(min(end, len(S) - 1), start, -1):
+            found[frame - 1] = came_from[frame - start - 1, found[frame]]
+    found %= states
+    found[found == states - 1] = -1
+    return np.where(found < 0, found, found % S.shape[1])
 
 
-def _last_new(new: NDArray[np.int64], frames: int) -> NDArray[np.int64]:
-    """For every frame of a traverse which of its new ones it shows."""
-    return np.arange(len(new)).repeat(np.diff(np.append(new, frames)))
+class _Drive:
+    """The frames of a traverse as the recursions need them, at random access."""
+
+    def __init__(self, S: NDArray[Any], model: RouteModel) -> None:
+        self.model = model
+        self._evidence = DriveEvidence(S, model)
+        self._view = np.arange(len(self._evidence.new)).repeat(self._evidence.shown)
+
+    def ratios(self, frame: int) -> NDArray[np.float64]:
+        """N: what the last new frame says of the places."""
+        view = int(self._view[frame])
+        said: NDArray[np.float64] = self._evidence.after_others(view, view + 1)[0]
+        return said
+
+    def is_new(self, frame: int) -> bool:
+        return frame == 0 or bool(self._view[frame] != self._view[frame - 1])
 
 
 def _segments(frames: int) -> list[int]:
@@ -102,84 +120,127 @@ def _segments(frames: int) -> list[int]:
     return list(range(0, frames, max(1, int(np.sqrt(frames)))))
 
 
-def _forward(S: NDArray[Any], belief: Belief, model: RouteModel) -> list[Belief]:
-    """The given belief and those after each of the frames."""
-    beliefs = [belief]
-    for scores in S:
-        belief = Belief(belief.on.copy(), belief.off.copy())
-        belief.move(model)
-        belief.see(likelihood_ratios(scores, model)[None])
-        beliefs.append(belief)
-    return beliefs
+def _forward(drive: _Drive, start: int, end: int, course: Course) -> list[Course]:
+    """The given course at frame `start`, and at each frame until `end`."""
+    courses = [course]
+    for frame in range(start + 1, end):
+        course = course.copy()
+        course.follow(drive.ratios(frame), drive.is_new(frame), drive.model)
+        courses.append(course)
+    return courses
+
+
+@dataclass(frozen=True, eq=False)
+class _Later:
+    """How well each state explains the frames after it, up to a factor: 3×N, and off the map."""
+
+    on: NDArray[np.float64]
+    off: float
+
+    def weigh(self, belief: Belief) -> tuple[NDArray[np.float64], float]:
+        """N: every place, and off the map, with all frames known, up to the same factor."""
+        return (belief.on[0] * self.on).sum(axis=0), float(belief.off[0]) * self.off
+
+    def before_motion(self, model: RouteModel, exits: NDArray[np.float64]) -> _Later:
+        """The same a frame earlier."""
+        places = self.on.shape[1]
+        anywhere = float((self.on * model.anywhere(places)).sum())
+        ahead = np.zeros_like(self.on)
+        for gait, way in enumerate(GAITS):
+            for offset, probability in enumerate(model.moves(gait)[:places]):
+                here, there = slice(0, places - offset), slice(offset, places)
+                origin, target = (here, there) if way > 0 else (there, here)
+                ahead[gait, origin] += probability * self.on[gait, target]
+        on = model.stay * (model.changes @ ahead) + model.jump * anywhere + exits * self.off
+        return _Later(on, model.enter * anywhere + (1 - model.enter) * self.off)
 
 
 def _look_back(
-    ratios: NDArray[np.float64],
-    later_on: NDArray[np.float64],
-    later_off: float,
-    model: RouteModel,
-    exits: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], float]:
-    """How well each state explains the frames after it, up to a factor: the backward recursion."""
-    places = len(ratios)
-    seen = later_on * ratios
-    anywhere = float((seen * model.anywhere(places)).sum())
-    ahead = seen * model.steps[0]
-    for offset, probability in enumerate(model.steps[1:places], start=1):
-        ahead[0, :-offset] += probability * seen[0, offset:]
-        ahead[1, offset:] += probability * seen[1, :-offset]
-    on = model.stay * model.turned(ahead) + model.jump * anywhere + exits * later_off
-    off = model.enter * anywhere + (1 - model.enter) * later_off
-    largest = max(float(on.max()), off)
-    return on / largest, off / largest
+    drive: _Drive, frame: int, going: _Later, standing: _Later, exits: NDArray[np.float64]
+) -> tuple[_Later, _Later]:
+    """The backward recursion from one frame to the one before it, for a robot that goes on and one that stands.
+
+    Where the earlier frame is new, no robot stands yet, and the first is that of all.
+    """
+    model = drive.model
+    if drive.is_new(frame):
+        before = _Later(going.on * drive.ratios(frame), going.off).before_motion(model, exits)
+        largest = max(float(before.on.max()), before.off)
+        before = _Later(before.on / largest, before.off / largest)
+        return before, before
+    before = going.before_motion(model, exits)
+    if drive.is_new(frame - 1):
+        stands, goes = repeat_likelihoods(drive.ratios(frame), model)
+        before = _Later(goes * before.on + stands * standing.on, model.repeats * standing.off)
+    return before, standing
 
 
-def _log_ratios(scores: NDArray[Any], model: RouteModel) -> NDArray[np.float64]:
-    """2N+1: both directions and off the map."""
-    ratios = np.log(likelihood_ratios(scores, model))
-    return np.concatenate([ratios, ratios, [0.0]])
+def _log_states(values: NDArray[np.float64], off: float = 1.0) -> NDArray[np.float64]:
+    """3N+1: the logarithms of N or 3×N values, and of that off the map; 0 has none."""
+    on = np.broadcast_to(values, (len(GAITS), values.shape[-1]))
+    with np.errstate(divide="ignore"):
+        logs: NDArray[np.float64] = np.log(np.append(on, off))
+    return logs
 
 
 def _best_steps(
-    S: NDArray[Any], best: NDArray[np.float64], model: RouteModel
+    drive: _Drive, start: int, end: int, best: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Goes on from the log-probabilities of the best paths to 2N+1 states.
+    """Goes on from the log-probabilities of the best paths at frame `start` to each of 3N+1 states, going and standing.
 
     Returns:
-        Those after the last of the F frames, and F×(2N+1) states where the best paths came from.
+        Those at the last frame before `end`, 2(3N+1), and for every frame after `start` the states that the best paths
+        to these came from.
     """
-    places = len(best) // 2
-    nowhere = 2 * places
-    exits, anywhere = model.exits(places).ravel(), model.anywhere(places).repeat(places)
-    came_from = np.empty((len(S), nowhere + 1), np.int32)
-    for frame, scores in enumerate(S):
-        origin = int(best[:-1].argmax())
-        begun, source_state = max(
-            (best[origin] + np.log(model.jump), origin), (best[-1] + np.log(model.enter), nowhere)
-        )
-        after = np.append(begun + np.log(anywhere), 0.0)
-        source = np.full(nowhere + 1, source_state, np.int32)
-        for to in (0, 1):
-            for start in (0, 1):
-                direction = 1 - model.turn if start == to else model.turn
-                for offset, probability in enumerate(model.steps[:places]):
-                    # A step along the route can also have been a jump that ended there.
-                    step = model.stay * direction * probability + model.jump * anywhere[to * places]
-                    here, there = slice(0, places - offset), slice(offset, places)
-                    target, begin = (there, here) if to == 0 else (here, there)
-                    _keep_better(
-                        after[to * places :][target],
-                        source[to * places :][target],
-                        best[start * places :][begin] + np.log(step),
-                        start * places + begin.start,
-                    )
-        leaving = best[:-1] + np.log(exits)
-        exit_from = int(leaving.argmax())
-        after[-1], source[-1] = max((leaving[exit_from], exit_from), (best[-1] + np.log(1 - model.enter), nowhere))
-        best = after + _log_ratios(scores, model)
+    states = len(best) // 2
+    came_from = np.empty((end - start - 1, 2 * states), np.int32)
+    here = np.arange(states, dtype=np.int32)
+    for frame in range(start + 1, end):
+        going, standing = best[:states], best[states:]
+        origins = here
+        if drive.is_new(frame):
+            origins = np.where(standing > going, here + states, here).astype(np.int32)
+            going, standing = np.maximum(going, standing), np.full(states, -np.inf)
+        elif drive.is_new(frame - 1):
+            stands, goes = repeat_likelihoods(drive.ratios(frame), drive.model)
+            standing = going + _log_states(stands, drive.model.repeats)
+            going = going + _log_states(goes, 0.0)
+        stood = here if drive.is_new(frame - 1) else here + states
+        going, source = _best_motion(going, drive.model)
+        if drive.is_new(frame):
+            going += _log_states(drive.ratios(frame))
+        came_from[frame - start - 1] = np.append(origins[source], stood)
+        best = np.append(going, standing)
         best -= best.max()
-        came_from[frame] = source
     return best, came_from
+
+
+def _best_motion(best: NDArray[np.float64], model: RouteModel) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """The log-probability of the best path to each of 3N+1 states after a motion, and the state before it."""
+    nowhere = len(best) - 1
+    places = nowhere // len(GAITS)
+    exits, anywhere = model.exits(places).ravel(), model.anywhere(places).repeat(places)
+    origin = int(best[:-1].argmax())
+    begun, source_state = max((best[origin] + np.log(model.jump), origin), (best[-1] + np.log(model.enter), nowhere))
+    after = np.append(begun + np.log(anywhere), 0.0)
+    source = np.full(nowhere + 1, source_state, np.int32)
+    for to, way in enumerate(GAITS):
+        for start in range(len(GAITS)):
+            for offset, probability in enumerate(model.moves(to)[:places]):
+                # A step along the route can also have been a jump that ended there.
+                step = model.stay * model.changes[start, to] * probability + model.jump * anywhere[to * places]
+                here, there = slice(0, places - offset), slice(offset, places)
+                begin, target = (here, there) if way > 0 else (there, here)
+                _keep_better(
+                    after[to * places :][target],
+                    source[to * places :][target],
+                    best[start * places :][begin] + np.log(step),
+                    start * places + begin.start,
+                )
+    leaving = best[:-1] + np.log(exits)
+    exit_from = int(leaving.argmax())
+    after[-1], source[-1] = max((leaving[exit_from], exit_from), (best[-1] + np.log(1 - model.enter), nowhere))
+    return after, source
 
 
 def _keep_better(after: NDArray[np.float64], source: NDArray[np.int32], value: NDArray[np.float64], first: int) -> None:

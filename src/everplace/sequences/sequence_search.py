@@ -36,7 +36,7 @@ def search_sequences(S: NDArray[Any], length: int, method: SequenceMethod = "fil
         DescriptorsError: S is no matrix of numbers.
     """
     if method not in SEQUENCE_METHODS:
-        raise ConfigError(f"--sequence-method {method} is not known; choose {', '.join(SEQUENCE_METHODS)}")
+        raise ConfigError(f"the sequence method {method!r} is not known; choose {', '.join(SEQUENCE_METHODS)}")
     if method == "mean" or length <= 1:
         return average_sequences(S, length)
     return filter_windows(S, length) if method == "filter" else seqslam(S, length)

@@ -194,9 +194,9 @@ def _recipe(model: str, name: str) -> dict[str, Any]:
         ConfigError: There is no recipe of that name.
     """
     if name not in ("faithful", "best"):
-        raise ConfigError(f"--recipe {name!r} does not exist; choose faithful or best")
+        raise ConfigError(f"`recipe` {name!r} does not exist; choose faithful or best")
     if name == "best" and model != "cp-vae":
-        raise ConfigError(f"--recipe best is a recipe of cp-vae, not of {model}; choose faithful")
+        raise ConfigError(f"`recipe=best` is a recipe of cp-vae, not of {model}; choose faithful")
     defaults = {"recipe": name, "augmentation": _AUGMENTATION, "weights": _LABEL_WEIGHTS.get(model, {})}
     if name == "faithful":
         return defaults

@@ -41,7 +41,7 @@ def require_devices(devices: int) -> None:
     """
     if torch.cuda.is_available() and devices > torch.cuda.device_count():
         raise ConfigError(
-            f"--devices {devices} was asked for, but this machine has {torch.cuda.device_count()}; give at most that"
+            f"`devices` {devices} was asked for, but this machine has {torch.cuda.device_count()}; give at most that"
         )
 
 

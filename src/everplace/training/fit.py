@@ -26,6 +26,7 @@ from everplace.training.resume_state import ResumeState, RunProgress, require_fi
 from everplace.training.run_directory import leads, locked_run, prepare_run, require_same_images, require_usable
 from everplace.training.run_keeper import RunKeeper
 from everplace.training.schedule import make_optimizer
+from everplace.training.seen_images import seen_images
 from everplace.training.select_route import select_route
 from everplace.training.validation import criterion_name, validate
 
@@ -117,7 +118,8 @@ def train(
             require_same_images(state, images, out, route.root)
         reached = state.progress if state is not None else RunProgress()
         if not reached.finished:
-            keeper = RunKeeper(out, config, split, images, reached, save_every)
+            seen = seen_images(route, chosen, {*split.trained_stems, *split.held_out_stems}, progress)
+            keeper = RunKeeper(out, config, split, images, seen, reached, save_every)
             model = _model(split, config, state, own_device(processes), progress)
             fabric = launch(devices, nodes, show=bool(show))
             optimizer = make_optimizer(model.to(fabric.device), config, state.optimizer if state is not None else None)

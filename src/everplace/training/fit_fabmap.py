@@ -25,13 +25,14 @@ from everplace.fabmap.vocabulary import FEATURE_DIMENSIONS, sift_features, words
 from everplace.files import readable
 from everplace.images.decoding import ImageSpec, decode_images
 from everplace.locking import locked
-from everplace.model.provenance import TRAINED_STEMS
+from everplace.model.provenance import SEEN_IMAGES, TRAINED_STEMS
 from everplace.progress import Progress, quiet
 from everplace.route.fingerprint import file_digests, fingerprint
 from everplace.route.route import Route
 from everplace.training.config import FitConfig
 from everplace.training.resume_state import RunProgress, load_state, save_state
 from everplace.training.run_directory import prepare_run, require_same_images, require_usable
+from everplace.training.seen_images import seen_images
 from everplace.training.select_route import select_route
 
 __all__ = ["FabMapSummary", "FabMapTrainConfig", "fit_fabmap"]
@@ -105,7 +106,9 @@ def fit_fabmap(
         if state is not None:
             require_same_images(state, images, out, route.root)
         if state is None or not state.progress.finished:
-            model = _fit(chosen, config, images, progress)
+            stems = dict.fromkeys(stem for traverse in chosen.traverses for stem in traverse.stems)
+            seen = {TRAINED_STEMS: tuple(stems), SEEN_IMAGES: seen_images(route, chosen, stems, progress)}
+            model = _fit(chosen, config, {"images": images, **seen}, progress)
             prepare_run(out, config, resume)  # not before: a fit that cannot be leaves no run
             save_fabmap(out, model)
             save_state(out, RunProgress(finished=True), None, None, images)
@@ -113,7 +116,7 @@ def fit_fabmap(
     return FabMapSummary(str(out), config.model, seconds, frames, chosen.conditions, config.words)
 
 
-def _fit(route: Route, config: FabMapTrainConfig, images: str, progress: Progress) -> FabMap:
+def _fit(route: Route, config: FabMapTrainConfig, seen: dict[str, Any], progress: Progress) -> FabMap:
     features = _sample_features(route, config, progress)
     vocabulary = _vocabulary(features, config)
     counts, sample = WordCounts.none(config.words), []
@@ -135,8 +138,7 @@ def _fit(route: Route, config: FabMapTrainConfig, images: str, progress: Progres
         "frames": total,
         "vocabulary_features": len(features),
         "words_a_frame": float(np.trace(counts.together) / total),
-        "images": images,
-        TRAINED_STEMS: tuple(dict.fromkeys(stem for traverse in route.traverses for stem in traverse.stems)),
+        **seen,
     }
     samples = np.array(sample, np.bool_).reshape(-1, config.words)
     return FabMap(config.fabmap, vocabulary, learn_tree(counts), samples, about)

@@ -40,7 +40,7 @@ def build_config(**values: Any) -> FitConfig:
 
         for name in _NOT_FOR_FABMAP:
             if name in values:
-                raise ConfigError(f"--{name} does not apply to fabmap, which is fitted in two passes; leave it out")
+                raise ConfigError(f"`{name}` does not apply to fabmap, which is fitted in two passes; leave it out")
         return FabMapTrainConfig.build(**values)
     if "epochs" not in values and "minutes" not in values:
         values["epochs"] = DEFAULT_EPOCHS
@@ -152,6 +152,6 @@ def fit_method(
     assert isinstance(config, FabMapTrainConfig)
     if devices * nodes > 1:
         raise ConfigError(
-            "--devices and --nodes do not apply to fabmap, which is fitted by one process; leave them out"
+            "`devices` and `nodes` do not apply to fabmap, which is fitted by one process; leave them out"
         )
     return fit_fabmap(route, config, out, resume=resume, progress=progress)

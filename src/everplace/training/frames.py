@@ -226,5 +226,5 @@ class TrainingFrames:
         if self.batch_size < 2 * devices:
             raise ConfigError(
                 f"a batch of {self.batch_size} frames is too small for {devices} devices, which need two each; "
-                "raise batch_size, add frames or give fewer --devices"
+                "raise batch_size, add frames or give fewer `devices`"
             )

@@ -20,7 +20,7 @@ from everplace.training.config import CONFIG_FILE, FitConfig, write_config
 from everplace.training.metrics_table import METRICS_FILE
 from everplace.training.resume_state import RESUME, ResumeState, has_state, load_state
 
-__all__ = ["leads", "locked_run", "prepare_run", "require_same_images", "require_usable"]
+__all__ = ["leads", "locked_run", "prepare_run", "require_same_images", "require_usable", "what_stands"]
 
 _RANKS = ("RANK", "SLURM_PROCID", "JSM_NAMESPACE_RANK", "GROUP_RANK", "NODE_RANK", "LOCAL_RANK")
 
@@ -69,7 +69,7 @@ def require_usable(out: Path, config: FitConfig, resume: bool, processes: int = 
     # A configuration alone, of a run that failed or was stopped in its first epoch, does not block a new run.
     began = has_tensors(out, CHECKPOINT_NAME) or has_state(out)
     if out.exists() and not out.is_dir():
-        raise ConfigError(f"--out {readable(out)} is a file; name a directory for the run")
+        raise ConfigError(f"`out` {readable(out)} is a file; name a directory for the run")
     for name in (RESUME, "tensorboard"):
         if os.path.lexists(out / name) and not (out / name).is_dir():
             raise ConfigError(f"{readable(out / name)} is a file where the run needs a directory; remove it")
@@ -77,7 +77,9 @@ def require_usable(out: Path, config: FitConfig, resume: bool, processes: int = 
         if os.path.lexists(out / name) and not (out / name).is_file():
             raise ConfigError(f"{readable(out / name)} is no file, which the run needs to write; remove it")
     if began and not resume and leads(processes):
-        raise ConfigError(f"--out {readable(out)} already holds a run; add --resume to continue it, or name another")
+        raise ConfigError(
+            f"`out` {readable(out)} already holds a run; add `resume=True` to continue it, or name another"
+        )
     if began and resume and (out / CONFIG_FILE).is_file():
         _require_same(out, config)
 
@@ -107,6 +109,18 @@ def prepare_run(out: Path, config: FitConfig, resume: bool, processes: int = 1) 
     return state
 
 
+def what_stands(out: Path) -> str:
+    """Says what a run that was stopped left, and how to go on."""
+    if not out.is_dir():
+        return "nothing was written; give the same command again"
+    if not (has_state(out) or has_tensors(out, CHECKPOINT_NAME)):
+        return (
+            f"{readable(out)} holds the settings and no epoch yet, so the same command begins anew, with or without "
+            "`resume=True`"
+        )
+    return f"the finished epochs stand in {readable(out)}; the same command with `resume=True` goes on from there"
+
+
 def require_same_images(state: ResumeState, images: str, out: Path, route: Path) -> None:
     """Makes sure that what is continued, or is finished, was trained on these images.
 
@@ -122,7 +136,7 @@ def require_same_images(state: ResumeState, images: str, out: Path, route: Path)
     if state.images and state.images != images:
         difference = f"was trained on other images than {readable(route)}"
         raise OtherRunError(
-            f"--out {readable(out)} {difference}; name another directory, or restore the images", difference
+            f"`out` {readable(out)} {difference}; name another directory, or restore the images", difference
         )
 
 
@@ -142,7 +156,7 @@ def _require_same(out: Path, config: FitConfig) -> None:
     used = [name for name in _FORMER_REMEDIES if isinstance(remedies, dict) and remedies.get(name)]
     if used:
         difference = f"was trained with remedies.{used[0]}, which this version does not have"
-        raise OtherRunError(f"--out {readable(out)} {difference}; name another directory to train without", difference)
+        raise OtherRunError(f"`out` {readable(out)} {difference}; name another directory to train without", difference)
     for name in type(config).model_fields:
         old, new = getattr(before, name), getattr(config, name)
         if old != new:
@@ -157,7 +171,7 @@ def _of_another_method(error: ValidationError) -> bool:
 def _other_settings(out: Path, name: str, old: object, new: object) -> OtherRunError:
     difference = f"{name} was {old!r} and is now {new!r}"
     return OtherRunError(
-        f"--resume continues a run with its own settings, but {difference}; give the same, or another --out than "
+        f"`resume=True` continues a run with its own settings, but {difference}; give the same, or another `out` than "
         f"{readable(out)}",
         difference,
     )

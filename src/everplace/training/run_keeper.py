@@ -13,7 +13,7 @@ import torch
 from everplace.model.checkpoint import save_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.posterior import BLOCKS
-from everplace.model.provenance import HELD_OUT_STEMS, TRAINED_STEMS
+from everplace.model.provenance import HELD_OUT_STEMS, SEEN_IMAGES, TRAINED_STEMS
 from everplace.training.config import TrainConfig
 from everplace.training.frames import SplitRoute
 from everplace.training.metrics_table import MetricsTable
@@ -37,7 +37,14 @@ class RunKeeper:
     """
 
     def __init__(
-        self, out: Path, config: TrainConfig, split: SplitRoute, images: str, progress: RunProgress, save_every: float
+        self,
+        out: Path,
+        config: TrainConfig,
+        split: SplitRoute,
+        images: str,
+        seen: list[str],
+        progress: RunProgress,
+        save_every: float,
     ) -> None:
         """Opens what an earlier process of the run has left.
 
@@ -46,6 +53,7 @@ class RunKeeper:
             config: The run's configuration.
             split: The frames that are trained on and held out.
             images: Fingerprint of the images.
+            seen: What `everplace.training.seen_images` says of them.
             progress: How far the run is.
             save_every: At most so many seconds pass (and one epoch) between two states to resume from.
         """
@@ -62,6 +70,7 @@ class RunKeeper:
             "images": images,
             TRAINED_STEMS: split.trained_stems,
             HELD_OUT_STEMS: split.held_out_stems,
+            SEEN_IMAGES: seen,
         }
         self._table = MetricsTable(out, keep_epochs=progress.epoch)
         self._save_every = save_every

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from everplace.describe.files import hdf5_content
+from everplace import child_process
 from everplace.describe.files.descriptors import Descriptors, load_descriptors
 from everplace.errors import DescriptorsError
 
@@ -33,7 +33,7 @@ def test_a_file_that_libhdf5_crashes_on_is_named(tmp_path: Path, name: str) -> N
 def test_a_file_that_libhdf5_reads_for_ever_is_named(
     tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(hdf5_content, "_SECONDS", 2.0)
+    monkeypatch.setattr(child_process, "_SECONDS", 2.0)
     path = unpacked(name, tmp_path)
     with pytest.raises(DescriptorsError, match=rf"{name} is no readable HDF5 file \(reading it came to no end\)"):
         load_descriptors(path)

@@ -39,6 +39,11 @@ class Wrapped(nn.Module):
 
 def dictionary(): return Wrapped(lambda x: {"descriptor": x.mean((2, 3))})
 def several(): return Wrapped(lambda x: (x.mean((2, 3)), x))
+def listed(): return Wrapped(lambda x: [x.mean((2, 3)), x, "attentions"])
+def alone(): return Wrapped(lambda x: (x.mean((2, 3)),))
+def later(): return Wrapped(lambda x: ("attentions", x.mean((2, 3))))
+def none(): return Wrapped(lambda x: ())
+def maps(): return Wrapped(lambda x: (x, x.mean((2, 3))))
 def map(): return Wrapped(lambda x: x[:, :, :2, :2])
 def squeezed(): return Wrapped(lambda x: x.mean((2, 3)).squeeze(0))
 def integers(): return Wrapped(lambda x: x.mean((2, 3)).long())
@@ -144,7 +149,9 @@ def test_two_repositories_may_have_modules_of_one_name(tmp_path: Path, repositor
     ("rest", "message"),
     [
         ("dictionary", "returned a dict instead of one tensor"),
-        ("several", "returned a tuple instead of one tensor"),
+        ("later", "returned a str instead of one tensor"),
+        ("none", "returned a tuple instead of one tensor"),
+        ("maps", r"returned a tensor of shape \(1, 3, 224, 224\) for 1 images instead of one row an image"),
         ("map", r"returned a tensor of shape \(1, 3, 2, 2\) for 1 images instead of one row an image"),
         ("squeezed", r"returned a tensor of shape \(3,\) for 1 images"),
         ("integers", r"returned a tensor of torch\.int64 instead of one tensor of floating-point"),
@@ -230,3 +237,14 @@ def test_a_repository_that_cannot_be_downloaded_is_one_sentence(cache: Path, mon
     for method in ("hub:some/absent:net", "hub:some/absent:v1:net"):
         with pytest.raises(MethodError, match="check the network, or clone the repository and give its directory"):
             open_describer(method)
+
+
+@pytest.mark.parametrize("entry", ["several", "listed", "alone"])
+def test_the_first_part_of_what_a_network_returns_is_the_descriptor(
+    repository: Path, tiny_route: Path, entry: str
+) -> None:
+    frames = open_route(tiny_route)["summer"]
+    described = open_describer(f"hub:{repository}:{entry}#size=8x8").describe(frames)
+    mean = open_describer(f"hub:{repository}:mean_colour#size=8x8").describe(frames)
+    assert described.dimension == 3
+    np.testing.assert_allclose(described.values, mean.values, atol=1e-5)

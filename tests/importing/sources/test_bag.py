@@ -100,10 +100,10 @@ def test_one_image_topic_must_be_chosen(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "drive.bag", [image(1.0, "/left"), image(1.0, "/right"), image(2.0, "/right")])
     with pytest.raises(
         ConfigError,
-        match=r"several image topics; choose one with --set topic: /left \(sensor_msgs/msg/Image\), /right \(",
+        match=r"several image topics; choose one with `topic`: /left \(sensor_msgs/msg/Image\), /right \(",
     ):
         import_route("bag", path, tmp_path / "out")
-    with pytest.raises(ConfigError, match=r"no image topic '/front'; choose one with --set topic: /left"):
+    with pytest.raises(ConfigError, match=r"no image topic '/front'; choose one with `topic`: /left"):
         import_route("bag", path, tmp_path / "out", {"topic": "/front"})
     assert import_route("bag", path, tmp_path / "out", {"topic": "/right"}).frames == 2
 
@@ -150,7 +150,7 @@ def test_poses_of_the_camera_itself(tmp_path: Path) -> None:
     ahead = (0.5, -0.5, 0.5, -0.5)
     rows = [(("/pose"), POSE, 1.0, (3.0, 4.0, ahead)), image(1.0), ("/gps", FIX, 1.0, (0, 1.0, 1.0))]
     path = write_bag(tmp_path / "drive", rows)
-    with pytest.raises(ConfigError, match=r"several pose topics; choose one with --set poses: /gps .*, /pose "):
+    with pytest.raises(ConfigError, match=r"several pose topics; choose one with `poses`: /gps .*, /pose "):
         import_route("bag", path, tmp_path / "out")
     import_route("bag", path, tmp_path / "z", {"poses": "/pose", "ahead": "z"})
     (traverse,) = open_route(tmp_path / "z").traverses
@@ -165,7 +165,7 @@ def test_poses_of_the_camera_itself(tmp_path: Path) -> None:
 
 def test_times_of_recording_where_stamps_are_empty(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "drive.bag", [image(0.0), image(0.0), image(0.0)])
-    with pytest.raises(RouteError, match=r"message 0 of /camera .* has no time stamp; .* --set clock=recorded"):
+    with pytest.raises(RouteError, match=r"message 0 of /camera .* has no time stamp; .* `clock=recorded`"):
         import_route("bag", path, tmp_path / "out")
     import_route("bag", path, tmp_path / "out", {"clock": "recorded", "every_seconds": "2"})
     (traverse,) = open_route(tmp_path / "out").traverses
@@ -400,13 +400,13 @@ def test_a_drive_that_never_had_a_fix_gets_no_poses(tmp_path: Path, lost: str) -
     assert (len(a), a.poses) == (2, None)
     assert b.poses is not None
     assert f"The topic /fix of {tmp_path / 'bags/a.bag'} holds no position, so the drive gets no poses." in notes
-    with pytest.raises(RouteError, match=r"a\.bag holds no position; choose another or none with --set poses"):
+    with pytest.raises(RouteError, match=r"a\.bag holds no position; choose another or none with `poses`"):
         import_route("bag", tmp_path / "bags", tmp_path / "chosen", {"poses": "/fix"})
 
 
 def test_a_drive_whose_fixes_are_all_elsewhere(tmp_path: Path) -> None:
     rows = [image(1.0), ("/fix", FIX, 1.0, LOST["at 0, 0"]), ("/fix", FIX, 9.0, (0, 48.0, 11.0))]
-    with pytest.raises(RouteError, match="no frame of a has a position, .* --set poses=none"):
+    with pytest.raises(RouteError, match="no frame of a has a position, .* `poses=none`"):
         import_route("bag", write_bag(tmp_path / "a.bag", rows), tmp_path / "out")
 
 
@@ -461,7 +461,7 @@ def test_a_split_drive_that_is_not_joined_is_told(tmp_path: Path, ending: str) -
     assert len(open_route(tmp_path / "out").traverses) == 3
     assert notes[0] == (
         f"drive_0{ending} and drive_1{ending} in {tmp_path / 'bags'} look like parts of one drive, but each became a "
-        "drive of its own; if they are, import with --set join=true."
+        "drive of its own; if they are, import with `join=true`."
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zipfile
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -10,7 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.fuzzing import fuzzed
+from tests.importing.packing import pack
 
+from everplace import child_process
 from everplace.errors import RouteError
 from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.sources import hloc
@@ -122,3 +126,33 @@ def test_any_bytes_are_pairs_or_one_error(data_set: Any, content: bytes) -> None
         assert "\n" not in str(error)
     else:
         assert list(route.truth)
+
+
+@pytest.mark.parametrize("archived", [False, True])
+@pytest.mark.parametrize("signal", ["SIGSEGV", "SIGBUS", "SIGABRT"])
+def test_a_file_that_crashes_its_reader_is_one_sentence(
+    data_set: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, signal: str, archived: bool
+) -> None:
+    # What a damaged file does to libhdf5, done on purpose
+    (tmp_path / "h5py.py").write_text(f"import os, signal\nos.kill(os.getpid(), signal.{signal})\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    data_set.images(".", ["q.jpg", "a.jpg"])
+    data_set.text("pairs.txt", ["q.jpg a.jpg"])
+    features(data_set, "f.h5", ["a.jpg"])
+    source = pack(data_set.root, tmp_path / "set.zip") if archived else data_set.root
+    with pytest.raises(RouteError, match=rf"f\.h5 is not a readable HDF5 file \(reading it ended with {signal}\)"):
+        hloc.read(source, hloc.Options(database="f.h5"))
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"), [("loops.h5", "reading it came to no end"), ("allocates.h5", ".*memory allocation failed.*")]
+)
+def test_a_file_that_libhdf5_does_not_get_through_is_one_sentence(
+    data_set: Any, monkeypatch: pytest.MonkeyPatch, name: str, reason: str
+) -> None:
+    monkeypatch.setattr(child_process, "_SECONDS", 3.0)
+    data_set.text("pairs.txt", ["q.jpg a.jpg"])
+    with zipfile.ZipFile(Path(__file__).parents[2] / "describe/files/damaged_hdf5.zip") as archive:
+        archive.extract(name, data_set.root)
+    with pytest.raises(RouteError, match=rf"{name} is not a readable HDF5 file \({reason}\)"):
+        hloc.read(data_set.root, hloc.Options(database=name))

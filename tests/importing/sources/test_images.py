@@ -28,7 +28,7 @@ def drives(tmp_path: Path) -> Path:
 def test_drives_get_the_same_stems_in_natural_order(tmp_path: Path, drives: Path) -> None:
     summary = import_route("images", drives, tmp_path / "out", {"conditions": "winter,summer"})
     assert summary.linked == 10
-    assert "--set stems=own" in summary.notes[0]
+    assert "`stems=own`" in summary.notes[0]
     route = open_route(tmp_path / "out")
     assert route.shared_stems() == tuple(f"{number:06d}" for number in range(5))
     assert {traverse.name: traverse.condition for traverse in route.traverses} == {"jan": "winter", "jul": "summer"}
@@ -114,7 +114,7 @@ def test_what_cannot_be(tmp_path: Path, drives: Path) -> None:
         import_route("images", drives, out, {"every_seconds": "1", "change": "0.9"})
     with pytest.raises(ConfigError, match="every_seconds needs the time of each frame, and 'IMG_8' has none"):
         import_route("images", drives, out, {"every_seconds": "1"})
-    with pytest.raises(ConfigError, match="--set size=0x3 cannot be: it is not WIDTHxHEIGHT"):
+    with pytest.raises(ConfigError, match="`size`=0x3 cannot be: it is not WIDTHxHEIGHT"):
         import_route("images", drives, out, {"size": "0x3"})
     (drives / "jan" / "times.csv").write_text("stem,seconds\nIMG_8,0\n")
     with pytest.raises(RouteError, match=r"times.csv has no time for 4 of 5 frames, the first is 'IMG_9'; add a line"):

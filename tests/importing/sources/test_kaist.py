@@ -144,11 +144,11 @@ def test_conditions_are_said_by_set_video_or_file(tmp_path: Path) -> None:
         ({"conditions": "gone.toml"}, "cannot read gone.toml"),
         ({"sequences": "set99"}, "sequences='set99' is not there; there are: set00/V000, set03/V000"),
         ({"align": "pairs"}, "align=pairs needs the pairs"),
-        ({"pairs": "a.csv"}, "pairs are of no use without --set align=pairs"),
+        ({"pairs": "a.csv"}, "pairs are of no use without `align=pairs`"),
         ({"preset": "paper"}, "preset paper needs sequences that are aligned"),
         ({"gps": "{nothing}"}, "gps='{nothing}' cannot be"),
         ({"align": "gps", "reference": "set07/V000"}, "reference='set07/V000' is no sequence"),
-        ({"radius": "-1"}, "--set radius=-1 cannot be"),
+        ({"radius": "-1"}, "`radius`=-1 cannot be"),
     ],
 )
 def test_options_that_cannot_be(tmp_path: Path, options: dict[str, str], message: str) -> None:

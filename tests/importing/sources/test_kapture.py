@@ -79,7 +79,7 @@ def test_a_camera_on_a_rig(data_set: Any) -> None:
 
 def test_one_camera_of_several_is_chosen(data_set: Any) -> None:
     write(data_set, ".", ["0, cam0, a.jpg", "0, cam1, b.jpg", "1, cam0, c.jpg"], None)
-    with pytest.raises(RouteError, match="images of the cameras cam0, cam1; choose one with --set camera=ID, or all"):
+    with pytest.raises(RouteError, match="images of the cameras cam0, cam1; choose one with `camera=ID`, or all"):
         data_set.read(kapture)
     assert [frame.stem for frame in data_set.frames(kapture, camera="cam0")["set"]] == ["a", "c"]
     assert len(data_set.frames(kapture, camera="all")["set"]) == 3

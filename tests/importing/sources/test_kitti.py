@@ -102,5 +102,5 @@ def test_any_text_is_poses_or_one_error(data_set: Any, text: str) -> None:
 def test_another_camera_than_the_one_asked_for_is_named(tmp_path: Path, camera: str) -> None:
     (tmp_path / "sequences" / "00" / camera).mkdir(parents=True)
     (tmp_path / "sequences" / "00" / camera / "000000.png").write_bytes(b"not opened")
-    with pytest.raises(RouteError, match=rf"image_0/, but there is {camera}/; take it with --set camera={camera}"):
+    with pytest.raises(RouteError, match=rf"image_0/, but there is {camera}/; take it with `camera`={camera}"):
         kitti.read(tmp_path, kitti.Options())

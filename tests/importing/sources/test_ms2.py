@@ -170,6 +170,31 @@ def test_any_text_is_a_sequence_or_one_error(tmp_path: Path, text: bytes, times:
         file.write_bytes(before)
 
 
+@pytest.mark.parametrize("archived", [False, True])
+def test_thermal_frames_are_scaled_by_what_their_drive_uses(tmp_path: Path, archived: bool) -> None:
+    for name, first in ((DAY, 3000), (NIGHT, 1500)):
+        write_drive(tmp_path / "ms2", name, 3, camera="thr")
+        for number in range(3):
+            values = np.linspace(first, first + 999 + number, 64 * 32).astype(np.uint16).reshape(32, 64)
+            path = tmp_path / "ms2/sync_data" / name / f"thr/img_left/{number:06d}.png"
+            Image.fromarray(values).save(path)
+    source = pack(tmp_path / "ms2", tmp_path / "ms2.zip") if archived else tmp_path / "ms2"
+    summary = import_route("ms2", source, tmp_path / "route", {"camera": "thr"})
+    assert len([note for note in summary.notes if "The 16-bit values" in note]) == 2
+    for traverse in open_route(tmp_path / "route").traverses:
+        for path in traverse.paths:
+            pixels = np.asarray(Image.open(path))
+            assert pixels.dtype == np.uint8
+            assert len(np.unique(pixels)) > 200
+            assert 100 < pixels.mean() < 150
+    # One scale for both drives, and the upper halves as they were, where the user says so
+    one = imported(source, tmp_path / "one", camera="thr", range="1500:4000")
+    means = [np.asarray(Image.open(traverse.paths[0])).mean() for traverse in one.traverses]
+    assert means[0] - means[1] == pytest.approx(1500 / 2500 * 256, abs=2)
+    plain = import_route("ms2", source, tmp_path / "plain", {"camera": "thr", "bits": "16"})
+    assert plain.linked == (0 if archived else 6)
+
+
 @pytest.mark.parametrize(
     ("lost", "kept"), [([0], [1, 2, 3]), ([2], [0, 1, 3]), ([0, 1, 3], [2]), ([0, 1, 2, 3], [0, 1, 2, 3])]
 )

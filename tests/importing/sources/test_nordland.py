@@ -389,7 +389,7 @@ def test_size_is_for_every_form(tmp_path: Path) -> None:
         assert summary.linked == 0
         expected = resize_image(pixels("winter", 10), (2, 4))
         np.testing.assert_array_equal(decode_image(route["winter"].paths[2], ImageSpec()), expected)
-    with pytest.raises(ConfigError, match="--set size=64 cannot be: it is not WIDTHxHEIGHT"):
+    with pytest.raises(ConfigError, match="`size`=64 cannot be: it is not WIDTHxHEIGHT"):
         load(source, size="64")
 
 
@@ -537,7 +537,7 @@ def test_the_papers_preset_wants_frames_without_tunnels_and_stops(
     source = write(tmp_path / "n", folders(range(12)))
     told = refused(source, preset="paper")
     assert "needs the list of the 9 frames without tunnels and stops, but there is none and spring has 12;" in told
-    assert told.endswith("name it with --set list=FILE, or take all with --set unfiltered=true")
+    assert told.endswith("name it with `list=FILE`, or take all with `unfiltered=true`")
     protocol = "Nordland 1,600 training and 6,400 test frames a season, ±1"
     summary, route = load(source, preset="paper", unfiltered="true")
     assert summary.protocol == route.protocol == f"{protocol}, tunnels and stops not left out"

@@ -57,7 +57,7 @@ def test_frames_without_a_pose_are_left_out_and_said(data_set: Any) -> None:
     write(data_set)
     notes = data_set.read(tum, limit=0.3).notes
     assert notes[0].startswith("1 of 4 frames of set have no pose within 0.3 s and were left out")
-    assert "--radius" in notes[1]
+    assert "radius for the same place: say it in metres" in notes[1]
     kept = data_set.frames(tum, poses=False)["set"]
     assert len(kept) == 4
     assert {frame.pose for frame in kept} == {None}

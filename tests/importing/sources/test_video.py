@@ -137,7 +137,7 @@ def test_a_video_that_breaks_off(tmp_path: Path, ending: str) -> None:
     else:
         del data[len(data) // 2 :]
     path.write_bytes(data)
-    with pytest.raises(RouteError, match=rf"winter{ending} .* after \d+ frames, at [0-4]\.\d\d s.*--set damaged=keep"):
+    with pytest.raises(RouteError, match=rf"winter{ending} .* after \d+ frames, at [0-4]\.\d\d s.*`damaged=keep`"):
         import_route("video", path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
     summary = import_route("video", path, tmp_path / "out", {"damaged": "keep"})
@@ -365,9 +365,9 @@ def test_joined_chapters_are_the_drive_that_was_never_split(tmp_path: Path, chap
 def test_chapters_that_are_not_joined_are_told(tmp_path: Path, chapters: Path) -> None:
     notes = import_route("video", chapters, tmp_path / "out", {"stems": "own"}).notes
     assert len(open_route(tmp_path / "out").traverses) == 3
-    assert [note for note in notes if "--set join=true" in note]
+    assert [note for note in notes if "`join=true`" in note]
     notes = import_route("video", chapters / "GX010012.MP4", tmp_path / "one", {"stems": "own"}).notes
-    assert [note for note in notes if "--set join=GX010012.MP4,GX020012.MP4,GX030012.MP4" in note]
+    assert [note for note in notes if "`join=GX010012.MP4,GX020012.MP4,GX030012.MP4`" in note]
 
 
 def test_poses_of_joined_chapters(tmp_path: Path, chapters: Path) -> None:

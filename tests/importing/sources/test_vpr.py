@@ -99,7 +99,7 @@ def test_two_files_of_one_stem_and_what_is_missing(data_set: Any) -> None:
     with pytest.raises(RouteError, match="holds no images/test .* give the directory above images"):
         data_set.read(vpr)
     write(data_set, "images/val")
-    with pytest.raises(RouteError, match="choose --set split= one of val"):
+    with pytest.raises(RouteError, match="choose `split`= one of val"):
         data_set.read(vpr)
     data_set.images("images/val/queries", ["@0584853.0@4477221.0@.png"])
     with pytest.raises(RouteError, match=r"would both be the frame '@0584853\.0@4477221\.0@'"):

@@ -52,6 +52,7 @@ def test_an_import_is_evaluated_by_its_pairs(data_set: Any) -> None:
     assert str(resolved) == "pairs of truth.csv"
     assert truth.astype(int).tolist() == [[0, 1, 1, 0], [1, 0, 0, 0], [0, 0, 0, 0]]
     result = retrieve(route, "query", "ref", "hog")
+    assert result.scores is not None
     assert (result.scores.queries, result.scores.queries_with_match, result.scores.database) == (3, 2, 4)
 
 

@@ -25,7 +25,7 @@ from everplace.describe.files.hdf5 import whole_hdf5, write_texts
 from everplace.describe.files.hdf5_content import read_hdf5
 from everplace.describe.files.hloc_layout import write_groups
 from everplace.errors import DescriptorsError
-from everplace.files import readable
+from everplace.files import readable, shortened
 from everplace.images.decoding import is_image_name
 from everplace.importing.containers.file_trees import stem_of
 from everplace.route.natural_order import natural_key
@@ -50,6 +50,7 @@ class Descriptors:
         settings: All that changed the numbers; descriptors of other settings are not compared.
         image_names: N distinct names of the image files, with their endings, from the directory of images on, where
             they are known.
+        path: The file that they were read from; None: none.
 
     Raises:
         DescriptorsError: The arrays and names do not fit together, or a value is not finite.
@@ -61,6 +62,7 @@ class Descriptors:
     metric: Metric = "cosine"
     settings: Settings = field(default_factory=dict)
     image_names: tuple[str, ...] | None = None
+    path: Path | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", _checked_names(self.names))
@@ -70,7 +72,9 @@ class Descriptors:
                 raise DescriptorsError(f"there are {len(self.image_names)} image names for {len(self.names)} names")
         object.__setattr__(self, "values", _checked_values(self.values, self.names))
         if self.metric not in get_args(Metric):
-            raise DescriptorsError(f"the metric must be one of {', '.join(get_args(Metric))}, not {self.metric!r}")
+            raise DescriptorsError(
+                f"the metric must be one of {', '.join(get_args(Metric))}, not {shortened(self.metric)!r}"
+            )
 
     def __repr__(self) -> str:
         return f"Descriptors({self.method}: {len(self)}×{self.dimension}, {self.metric})"
@@ -83,6 +87,12 @@ class Descriptors:
         """D, the number of values of one descriptor."""
         return int(self.values.shape[1])
 
+    @property
+    def known_as(self) -> str:
+        """What messages call them: their method, and the file that they were read from."""
+        method = shortened(readable(self.method))
+        return method if self.path is None else f"{method} ({readable(self.path)})"
+
     def of(self, names: Sequence[str]) -> Descriptors:
         """The descriptors of the frames with these names, in the order given.
 
@@ -94,7 +104,9 @@ class Descriptors:
         position = {name: index for index, name in enumerate(self.names)}
         for name in names:
             if name not in position:
-                raise DescriptorsError(f"there is no descriptor of the frame {readable(name)!r}; describe it too")
+                raise DescriptorsError(
+                    f"there is no descriptor of the frame {shortened(readable(name))!r}; describe it too"
+                )
         return self.take([position[name] for name in names])
 
     def take(self, frames: slice | Sequence[int]) -> Descriptors:
@@ -162,7 +174,7 @@ def load_descriptors(path: str | Path) -> Descriptors:
             names, order = _natural_order(image_names or ())
             image_names, values = tuple((image_names or ())[index] for index in order), values[order]
         metric = cast("Metric", content.metric)
-        return Descriptors(values, names, content.method, metric, _settings(content.settings), image_names)
+        return Descriptors(values, names, content.method, metric, _settings(content.settings), image_names, path)
     except DescriptorsError as error:
         raise DescriptorsError(f"{readable(path)} cannot be read: {error}") from error
 
@@ -177,8 +189,8 @@ def _natural_order(image_names: tuple[str, ...]) -> tuple[tuple[str, ...], list[
         stem = stem_of(image) if is_image_name(image) else image
         if stem in found:
             raise DescriptorsError(
-                f"the images {readable(image_names[found[stem]])!r} and {readable(image)!r} have one stem; rename one "
-                "of them"
+                f"the images {shortened(readable(image_names[found[stem]]))!r} and {shortened(readable(image))!r} have "
+                "one stem; rename one of them"
             )
         found[stem] = index
     names = tuple(sorted(found, key=natural_key))
@@ -199,10 +211,10 @@ def _checked_names(names: Sequence[str]) -> tuple[str, ...]:
     names = tuple(names)
     for name in names:
         if not name or _UNNAMEABLE.search(name):
-            raise DescriptorsError(f"{name!r} cannot name a frame; give it a name that a file could have")
+            raise DescriptorsError(f"{shortened(name)!r} cannot name a frame; give it a name that a file could have")
     if len(set(names)) < len(names):
         twice = Counter(names).most_common(1)[0][0]
-        raise DescriptorsError(f"the name {readable(twice)!r} occurs twice; every frame needs its own")
+        raise DescriptorsError(f"the name {shortened(readable(twice))!r} occurs twice; every frame needs its own")
     return names
 
 
@@ -221,5 +233,7 @@ def _checked_values(values: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.
     finite = np.isfinite(values.min(axis=1)) & np.isfinite(values.max(axis=1))  # both hand NaN on
     if not finite.all():
         name = names[int(np.argmin(finite))]
-        raise DescriptorsError(f"the descriptor of frame {readable(name)!r} holds NaN or infinity; look at its image")
+        raise DescriptorsError(
+            f"the descriptor of frame {shortened(readable(name))!r} holds NaN or infinity; look at its image"
+        )
     return values

@@ -12,16 +12,14 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.child_process import ChildError, output_of_child
+from everplace.child_process import ChildError, file_limits, output_of_child
 from everplace.describe.files.hdf5 import blocks_of_rows, find_dataset, read_text, read_texts
 from everplace.describe.files.hloc_layout import is_hloc_layout, read_groups
 from everplace.errors import DescriptorsError
 from everplace.files import readable
+from everplace.git_lfs import refuse_pointer
 
 __all__ = ["Hdf5Content", "read_hdf5"]
-
-_SECONDS, _BYTES_A_SECOND = 20.0, 2**20
-_MEMORY, _TIMES_THE_FILE = 2**30, 16  # so much, and so many times the file for what is compressed
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +49,8 @@ def read_hdf5(path: Path) -> Hdf5Content:
     Raises:
         DescriptorsError: The file is none of these, is damaged, or takes longer than 20 s and a second for each MiB.
     """
-    size = path.stat().st_size
-    seconds, memory = _SECONDS + size / _BYTES_A_SECOND, _MEMORY + _TIMES_THE_FILE * size
+    refuse_pointer(path, DescriptorsError)
+    seconds, memory = file_limits(path)
     try:
         with output_of_child(_send, str(path), seconds=seconds, memory=memory) as sent:
             head = _receive(sent, path)

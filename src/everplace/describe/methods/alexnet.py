@@ -21,6 +21,8 @@ from everplace.progress import Progress
 
 __all__ = ["WEIGHTS", "alexnet_features", "open_method", "prepare"]
 
+NOTES = (("alexnet", "AlexNet's conv3 trained on ImageNet, projected", "a download of 244 MB at its first use", 4096),)
+
 WEIGHTS = PublishedWeights(
     "AlexNet",
     "https://download.pytorch.org/models/alexnet-owt-7be5be79.pth",

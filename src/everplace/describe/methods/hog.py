@@ -15,6 +15,8 @@ from everplace.images.decoding import ImageSpec
 
 __all__ = ["HOG", "open_method"]
 
+NOTES = (("hog", "histograms of oriented gradients; the strongest without training", "", 3780),)
+
 _WINDOW = (128, 64)  # width, height, as all sizes here: OpenCV's order
 _BLOCK = (16, 16)
 _STRIDE = (8, 8)

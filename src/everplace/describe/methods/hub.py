@@ -10,8 +10,8 @@ CVPR 2022), 512 numbers, 2,048 bytes a descriptor:
 
 The arguments go to the entry: numbers, true, false and null as in JSON, else text. The options say how images are
 prepared: `size` HxW (224x224), `mean` and `std` of values in [0, 1], one number or three separated by / (ImageNet's).
-The network takes B×3×H×W and returns B×D; descriptors are compared by cosine. Its code runs on this machine: a
-repository on GitHub must be named in EVERPLACE_TRUST_HUB at its first use.
+The network takes B×3×H×W and returns B×D, alone or first in a tuple; descriptors are compared by cosine. Its code runs
+on this machine: a repository on GitHub must be named in EVERPLACE_TRUST_HUB at its first use.
 """
 
 from __future__ import annotations
@@ -26,6 +26,51 @@ from everplace.describe.pretrained.network_input import IMAGENET, Normalisation
 from everplace.errors import ConfigError
 
 __all__ = ["open_method"]
+
+NOTES = (
+    (
+        "hub:OWNER/REPO:ENTRY",
+        "any descriptor network that torch.hub can load, or hub:DIRECTORY:ENTRY of a clone; quote it for the shell",
+        "EVERPLACE_TRUST_HUB=OWNER/REPO at its first use, as its code runs here, and a download",
+        None,
+    ),
+    (
+        "hub:gmberton/cosplace:get_trained_model?backbone=ResNet50&fc_output_dim=2048#size=512x512",
+        "CosPlace (Berton et al., CVPR 2022)",
+        "EVERPLACE_TRUST_HUB=gmberton/cosplace",
+        2048,
+    ),
+    (
+        "hub:gmberton/eigenplaces:get_trained_model?backbone=ResNet50&fc_output_dim=2048#size=512x512",
+        "EigenPlaces (Berton et al., ICCV 2023)",
+        "EVERPLACE_TRUST_HUB=gmberton/eigenplaces",
+        2048,
+    ),
+    (
+        "hub:serizba/salad:dinov2_salad#size=322x322",
+        "DINOv2 SALAD (Izquierdo and Civera, CVPR 2024)",
+        "EVERPLACE_TRUST_HUB=serizba/salad",
+        8448,
+    ),
+    (
+        "hub:amaralibey/Bag-of-Queries:get_trained_boq?backbone_name=resnet50&output_dim=16384#size=384x384",
+        "BoQ with ResNet50 (Ali-bey et al., CVPR 2024)",
+        "EVERPLACE_TRUST_HUB=amaralibey/Bag-of-Queries",
+        16384,
+    ),
+    (
+        "hub:amaralibey/Bag-of-Queries:get_trained_boq?backbone_name=dinov2&output_dim=12288#size=322x322",
+        "BoQ with DINOv2 (Ali-bey et al., CVPR 2024)",
+        "EVERPLACE_TRUST_HUB=amaralibey/Bag-of-Queries",
+        12288,
+    ),
+    (
+        "hub:gmberton/MegaLoc:get_trained_model#size=322x322",
+        "MegaLoc (Berton and Masone, 2025)",
+        "EVERPLACE_TRUST_HUB=gmberton/MegaLoc",
+        8448,
+    ),
+)
 
 _OPTIONS = ("mean", "size", "std")
 

@@ -24,14 +24,25 @@ from everplace.describe.pretrained.trial import first_line, measured_dimension
 from everplace.downloads import sha256_of
 from everplace.errors import ConfigError, MethodError, MissingExtraError
 from everplace.files import readable
+from everplace.git_lfs import refuse_pointer
 from everplace.images.decoding import ImageSpec
-from everplace.model.provenance import plain_values, stems_seen
+from everplace.model.provenance import images_seen, plain_values, stems_seen
 from everplace.threads import usable_cores
 
 if TYPE_CHECKING:
     import onnxruntime
 
 __all__ = ["OnnxDescriber", "open_method"]
+
+NOTES = (
+    (
+        "onnx:FILE.onnx",
+        "any descriptor network in an ONNX file, such as everplace export writes; of MixVPR, which torch.hub cannot "
+        "load, export one yourself",
+        "pip install 'everplace[onnx]', and FILE.toml beside the network",
+        None,
+    ),
+)
 
 _INPUT_TYPES: dict[str, type[np.generic]] = {
     "tensor(uint8)": np.uint8,
@@ -55,6 +66,7 @@ class OnnxDescriber(Describer):
         self._session = _session(path)
         self._provenance = read_provenance(path, self._session.get_modelmeta().custom_metadata_map)
         self.seen_stems = stems_seen(self._provenance)
+        self.seen_images = images_seen(self._provenance)
         self._input = _checked_input(path, self._session, toml)
         self._output = _output_name(path, self._session, toml)
         self._fixed_batch = self._input.shape[0] if isinstance(self._input.shape[0], int) else None
@@ -133,6 +145,7 @@ def open_method(argument: str) -> OnnxDescriber:
 def _session(path: Path) -> onnxruntime.InferenceSession:
     import onnxruntime
 
+    refuse_pointer(path, MethodError)
     options = onnxruntime.SessionOptions()
     options.log_severity_level = _FATAL_ONLY
     options.intra_op_num_threads = usable_cores()  # its own choice is all cores of the machine

@@ -15,6 +15,8 @@ from everplace.images.decoding import ImageSpec
 
 __all__ = ["SAD", "normalise_patches", "open_method"]
 
+NOTES = (("sad", "the patch-normalised thumbnail of SeqSLAM, compared by absolute differences", "", 2048),)
+
 
 class SAD(Describer):
     """Describes an image by its 64×32 (width × height) grey pixels, normalised patch by patch of 8×8."""

@@ -24,6 +24,11 @@ from everplace.progress import Progress
 
 __all__ = ["WEIGHTS", "open_method", "prepare", "vgg19_classifier", "vgg19_features"]
 
+NOTES = (
+    ("vgg19", "VGG19's fc7 trained on ImageNet (also vgg19:fc7)", "a download of 575 MB at its first use", 4096),
+    ("vgg19:pool4", "VGG19's fourth pooling layer", "the same download, and 401 KB a frame", 100352),
+)
+
 WEIGHTS = PublishedWeights(
     "VGG19",
     "https://download.pytorch.org/models/vgg19-dcbb9e9d.pth",

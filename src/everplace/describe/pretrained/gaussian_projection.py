@@ -6,12 +6,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
 from everplace.threads import usable_cores
 
-__all__ = ["GaussianProjection"]
+__all__ = ["GaussianProjection", "gaussian_matrix"]
 
 _ROWS = 64
 
@@ -33,14 +34,7 @@ class GaussianProjection(nn.Module):
 
     def __init__(self, inputs: int, outputs: int, seed: int = 0) -> None:
         super().__init__()
-        matrix = np.empty((outputs, inputs), np.float32)
-
-        def fill(start: int) -> None:
-            numbers = np.random.Generator(np.random.PCG64([seed, start]))
-            numbers.standard_normal(dtype=np.float32, out=matrix[start : start + _ROWS])
-
-        with ThreadPoolExecutor(usable_cores(), "everplace-projection") as pool:
-            list(pool.map(fill, range(0, outputs, _ROWS)))  # so that what a thread raises is raised
+        matrix = gaussian_matrix(inputs, outputs, seed)
         self.register_buffer("matrix", torch.from_numpy(matrix), persistent=False)
         self._scale = outputs**-0.5
 
@@ -48,3 +42,16 @@ class GaussianProjection(nn.Module):
         """(B, D) to (B, K)."""
         projected: Tensor = functional.linear(x, self.matrix) * self._scale
         return projected
+
+
+def gaussian_matrix(inputs: int, outputs: int, seed: int) -> NDArray[np.float32]:
+    """(outputs, inputs) independent standard normal numbers, the same on every machine (see `GaussianProjection`)."""
+    matrix = np.empty((outputs, inputs), np.float32)
+
+    def fill(start: int) -> None:
+        numbers = np.random.Generator(np.random.PCG64([seed, start]))
+        numbers.standard_normal(dtype=np.float32, out=matrix[start : start + _ROWS])
+
+    with ThreadPoolExecutor(usable_cores(), "everplace-projection") as pool:
+        list(pool.map(fill, range(0, outputs, _ROWS)))  # so that what a thread raises is raised
+    return matrix

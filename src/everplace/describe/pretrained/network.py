@@ -59,6 +59,8 @@ class NetworkDescriber(Describer):
         pixels = torch.from_numpy(network_input(images, self._normalisation)).to(self._device)
         with inference():
             output = self._network(pixels)
+        if isinstance(output, tuple | list) and output:  # such as BoQ's descriptors and attentions
+            output = output[0]
         if not isinstance(output, Tensor) or not output.is_floating_point():
             what = f"a tensor of {output.dtype}" if isinstance(output, Tensor) else f"a {type(output).__name__}"
             raise MethodError(

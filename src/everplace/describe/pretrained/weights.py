@@ -21,6 +21,7 @@ from torch import Tensor, nn
 from everplace.downloads import fetch, sha256_of
 from everplace.errors import DownloadError, MethodError
 from everplace.files import readable
+from everplace.git_lfs import refuse_pointer
 from everplace.progress import Progress, quiet
 from everplace.route.pack import default_cache
 
@@ -136,6 +137,7 @@ def load_weights(path: Path, network: nn.Module, name: str) -> str:
 
 
 def _read(path: Path) -> Mapping[str, Tensor]:
+    refuse_pointer(path, MethodError)
     if tarfile.is_tarfile(path):  # torch before 2.6 ran code from these, whatever it was told
         raise pickle.UnpicklingError("a tar file")
     with warnings.catch_warnings():  # about oddities of files that are refused in the end, or are well

@@ -6,6 +6,8 @@ copied into the directory, so that it holds all that describing needs.
 
 from __future__ import annotations
 
+import hashlib
+import os
 import shutil
 from pathlib import Path
 
@@ -38,14 +40,16 @@ class AdaptedDescriber(Describer):
         projection: Projection,
         settings: Settings,
         seen_stems: frozenset[str] = frozenset(),
+        seen_images: frozenset[str] = frozenset(),
     ) -> None:
         """Joins the two.
 
         Args:
             base: Gives F numbers an image.
             projection: (D, F).
-            settings: What identifies the map, beside the base's settings.
+            settings: What the map was made with.
             seen_stems: Frames of other drives that it was learnt from.
+            seen_images: The same, by their content.
         """
         self.base = base
         self.projection = projection
@@ -54,13 +58,16 @@ class AdaptedDescriber(Describer):
         self.batch = base.batch
         self.dimension = len(projection.bias)
         self.seen_stems = seen_stems | base.seen_stems
+        self.seen_images = seen_images | base.seen_images
         self._settings = settings
         self._weight = np.ascontiguousarray(projection.weight.T, np.float32)
         self._bias = projection.bias.astype(np.float32)
+        self._digest = hashlib.sha256(self._weight.tobytes() + self._bias.tobytes()).hexdigest()[:16]
 
     def settings(self) -> Settings:
-        """What identifies the map, and the settings of the method below."""
-        return {**self._settings, **{f"base.{key}": value for key, value in self.base.settings().items()}}
+        """What the map was made with, a hash of its numbers, and the settings of the method below."""
+        below = {f"base.{key}": value for key, value in self.base.settings().items()}
+        return {**self._settings, "adapter": self._digest, **below}
 
     def describe_batch(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Describes B×H×W×C images by B×D numbers."""
@@ -71,36 +78,33 @@ class AdaptedDescriber(Describer):
         return features @ self._weight + self._bias
 
 
-def write_adapted(
-    out: Path,
-    method: str,
-    projection: Projection,
-    settings: Settings,
-    seen_stems: frozenset[str],
-    features: int,
-) -> None:
+def write_adapted(out: Path, method: str, adapted: AdaptedDescriber, settings: Settings) -> None:
     """Writes an adapted descriptor as a run directory.
 
     Args:
         out: The directory, which exists.
         method: What was adapted; of a run directory the run is copied.
-        projection: The map.
+        adapted: The result.
         settings: What it was made with.
-        seen_stems: Frames of other drives that it was learnt from.
-        features: F, which the method must give.
 
     Raises:
         StorageError: Writing failed.
     """
-    if Path(method).is_dir():
-        shutil.copytree(method, out / _BASE, ignore=shutil.ignore_patterns("resume", ".lock", "tensorboard"))
+    if os.path.isfile(os.path.join(method, "config.toml")):  # noqa: PTH113, PTH118
+        # `out` may lie in the run.
+        left = shutil.ignore_patterns("resume", ".lock", "tensorboard", ".*.part")
+        shutil.copytree(method, out / _BASE, ignore=left)
         method = ""
     tensors = {
-        "weight": torch.from_numpy(projection.weight.astype(np.float32)),
-        "bias": torch.from_numpy(projection.bias.astype(np.float32)),
+        "weight": torch.from_numpy(adapted.projection.weight.astype(np.float32)),
+        "bias": torch.from_numpy(adapted.projection.bias.astype(np.float32)),
     }
-    about = {"format": _FORMAT, "model": {"kind": "adapted"}, "method": method, "features": features}
-    save_tensors(out, _NAME, tensors, {**about, "settings": dict(settings), "seen_stems": sorted(seen_stems)})
+    about = {
+        "format": _FORMAT, "model": {"kind": "adapted"}, "method": method, "features": adapted.base.dimension,
+        "settings": dict(settings), "seen_stems": sorted(adapted.seen_stems),
+        "seen_images": sorted(adapted.seen_images),
+    }  # fmt: skip
+    save_tensors(out, _NAME, tensors, about)
     write_text(out / "config.toml", tomli_w.dumps({"model": "adapted", **settings}))
 
 
@@ -116,16 +120,18 @@ def open_method(argument: str) -> AdaptedDescriber:
     damaged = f"{readable(run)} is damaged; restore it, or adapt again"
     try:
         weight, bias = tensors["weight"].double().numpy(), tensors["bias"].double().numpy()
-        method, features, stems = about["method"], about["features"], frozenset(map(str, about["seen_stems"]))
+        method, features = about["method"], about["features"]
+        stems, images = frozenset(map(str, about["seen_stems"])), frozenset(map(str, about["seen_images"]))
         settings = {str(key): value for key, value in about["settings"].items() if isinstance(value, str | int | float)}
-        digest = str(about["tensors"]["sha256"])
     except (KeyError, TypeError, AttributeError):
         raise CheckpointError(damaged) from None
-    if weight.ndim != 2 or bias.shape != weight.shape[:1] or weight.shape[1] != features or not isinstance(method, str):
+    fits = weight.ndim == 2 and len(weight) and weight.shape == (len(bias), features) and bias.ndim == 1
+    known = isinstance(method, str) and (method or (run / _BASE / "config.toml").is_file())
+    if not fits or not known:
         raise CheckpointError(damaged)
     base = open_describer(method or run / _BASE)
     if base.dimension != features:
         raise CheckpointError(
             f"{readable(run)} was made for {features} numbers, but {base.method} gives {base.dimension}; adapt again"
         )
-    return AdaptedDescriber(base, Projection(weight, bias), {**settings, "adapter": digest[:16]}, stems)
+    return AdaptedDescriber(base, Projection(weight, bias), settings, stems, images)

@@ -23,6 +23,10 @@ from everplace.images.decoding import ImageSpec
 
 __all__ = ["FabMapDescriber", "open_method"]
 
+NOTES = (
+    ("RUN of fabmap", "FAB-MAP's visual words (SIFT), with the probability of a new place", "everplace train", 3001),
+)
+
 
 class FabMapDescriber(Describer):
     """Describes with a fitted FAB-MAP.
@@ -43,6 +47,7 @@ class FabMapDescriber(Describer):
         self.image = ImageSpec(model.config.image_size, grey=True)
         self.dimension = 2 * model.config.words + 1
         self.seen_stems = model.seen_stems
+        self.seen_images = model.seen_images
 
     def settings(self) -> Settings:
         """What identifies this model: its configuration, its seed, and the hash of vocabulary and tree."""

@@ -25,6 +25,13 @@ from everplace.model.pixels import to_input
 
 __all__ = ["TrainedDescriber", "open_method"]
 
+NOTES = (
+    ("RUN of cp-vae", "a run directory of the paper's model, or of the recipe best", "everplace train", 96),
+    ("RUN of c-vae", "the paper's model without places", "everplace train", 96),
+    ("RUN of vae", "a plain variational autoencoder", "everplace train", 128),
+    ("RUN of cae", "a plain convolutional autoencoder", "everplace train", 128),
+)
+
 
 class TrainedDescriber(Describer):
     """Describes with the model of a checkpoint, which stays as it is."""
@@ -43,6 +50,7 @@ class TrainedDescriber(Describer):
         self.image = ImageSpec((config.height, config.width), grey=config.channels == 1)
         self.dimension = config.descriptor_dimensions
         self.seen_stems = checkpoint.seen_stems
+        self.seen_images = checkpoint.seen_images
         self.checkpoint = checkpoint
         self._device = torch.device(device or default_device())
         self._model = _on(checkpoint.model, self._device)

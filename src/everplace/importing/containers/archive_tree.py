@@ -14,6 +14,7 @@ from typing import IO, NamedTuple
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.images.decoding import IMAGE_ENDINGS, is_image_name
+from everplace.images.frame_names import unread_pictures
 from everplace.importing.containers.archives import (
     Member,
     archive_label,
@@ -208,7 +209,7 @@ class _Listing:
         links: dict[str, str] = {}
         twice: set[str] = set()
         member = None
-        for member, content in scan_members(mount.archive, self._is_worth_keeping):
+        for member, content in scan_members(mount.archive, self._is_worth_keeping, bombs="skip"):
             name = member.name
             if name.startswith(_LEFTOVERS):
                 continue
@@ -280,11 +281,12 @@ def open_trees(source: Path, *, archives: bool = True) -> list[TreePath]:
         )
     elif archives:
         trees = [ArchivePath(source)]
-    trees = [tree for tree in trees if tree.images]
+    opened, trees = trees, [tree for tree in trees if tree.images]
     if archives and not trees:
+        unread = unread_pictures(name for tree in opened for name in tree.files())
         raise RouteError(
-            f"{readable(source)} holds no image (a file that ends in {', '.join(sorted(IMAGE_ENDINGS))}); check "
-            "the path"
+            f"{readable(source)} holds no image (a file that ends in {', '.join(sorted(IMAGE_ENDINGS))}){unread}; "
+            "check the path"
         )
     return trees
 

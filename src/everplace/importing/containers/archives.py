@@ -16,12 +16,15 @@ import stat
 import tarfile
 import zipfile
 from collections.abc import Callable, Collection, Iterator
+from functools import partial
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
+from typing import IO, TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, cast
 
 from everplace.errors import RouteError
 from everplace.files import readable
+from everplace.git_lfs import POINTER_BYTES, is_pointer, pointer_sentence
 from everplace.images.decoding import MAX_FILE_BYTES
+from everplace.importing.containers.expansion import MOST_TIMES, SmallSteps, read_in_proportion
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -65,7 +68,8 @@ class Member(NamedTuple):
     target: str = ""
 
 
-_Readable: TypeAlias = tuple[Member, Callable[[], IO[bytes]]]
+_Readable: TypeAlias = tuple[Member, Callable[[], IO[bytes]], Callable[[], int] | None]
+"""A file, what opens it, and what says how many packed bytes were taken for it so far (None: it is not packed)."""
 
 
 class _RefusedError(Exception):
@@ -87,13 +91,15 @@ def archive_label(name: str) -> str:
 
 
 def scan_members(
-    path: Path, wanted: Callable[[Member], bool] = lambda _: False
+    path: Path, wanted: Callable[[Member], bool] = lambda _: False, *, bombs: Literal["refuse", "skip"] = "refuse"
 ) -> Iterator[tuple[Member, bytes | None]]:
     """Lists the regular files and the links in an archive, with the content of some files, in one pass.
 
     Args:
         path: A tar (also compressed by gzip, bzip2 or xz: the content decides) or a zip.
         wanted: Says whether to read a file.
+        bombs: What to do with a wanted file that unpacks out of all proportion (see `read_in_proportion`): refuse the
+            archive, or skip its content.
 
     Yields:
         Each file or link, and its content if it is a file that was wanted, in the order of the archive. Directories
@@ -110,12 +116,24 @@ def scan_members(
             raise _RefusedError("is no regular file", "give an archive that is one")
         limit = _FREE_EXPANSION + _MOST_EXPANSION * path.stat().st_size
         with path.open("rb") as file:
+            if is_pointer(file.read(POINTER_BYTES)):
+                raise RouteError(pointer_sentence(readable(path)))
+            file.seek(0)
             is_zip = file.read(4) in (b"PK\3\4", b"PK\5\6", b"PK\7\b")
             file.seek(0)
-            for member, open_member in _zip_members(file, limit) if is_zip else _tar_members(file, limit):
+            for member, open_member, spent in _zip_members(file, limit) if is_zip else _tar_members(file, limit):
                 last = _printable(member.name)
-                chosen = not member.target and wanted(member)
-                yield member, _read(member, open_member) if chosen else None
+                content = None
+                if not member.target and wanted(member):
+                    content = _read(member, open_member, spent)
+                    if content is None and bombs == "refuse":
+                        raise _RefusedError(
+                            f"holds {last}, which unpacks to more than {MOST_TIMES} times its size and is no image of "
+                            "so many pixels"
+                        )
+                yield member, content
+    except RouteError:
+        raise
     except _RefusedError as error:
         raise RouteError(f"{readable(path)} {error}") from error
     except NotImplementedError as error:
@@ -159,7 +177,7 @@ def read_members(path: Path, wanted: Collection[str]) -> Iterator[tuple[str, byt
     raise RouteError(f"{readable(path)} no longer holds {_printable(min(left))}; get it again from where you trust it")
 
 
-def _read(member: Member, open_member: Callable[[], IO[bytes]]) -> bytes:
+def _read(member: Member, open_member: Callable[[], IO[bytes]], spent: Callable[[], int] | None) -> bytes | None:
     if member.size > MAX_FILE_BYTES:
         raise _RefusedError(
             f"holds {_printable(member.name)} of {member.size} bytes, more than the {MAX_FILE_BYTES} that are read "
@@ -167,7 +185,7 @@ def _read(member: Member, open_member: Callable[[], IO[bytes]]) -> bytes:
             "unpack it",
         )
     with open_member() as file:
-        return file.read()
+        return read_in_proportion(file, member.size, spent)
 
 
 def _zip_members(file: IO[bytes], limit: int) -> Iterator[_Readable]:
@@ -184,18 +202,20 @@ def _zip_members(file: IO[bytes], limit: int) -> Iterator[_Readable]:
                 raise _RefusedError("decompresses out of all proportion")
             if kind == stat.S_IFLNK:
                 target = archive.open(info).read(_LONGEST_NAME).decode("utf-8", "surrogateescape")
-                yield _link(name, target, posixpath.dirname(name)), lambda info=info: archive.open(info)  # type: ignore[misc]
+                yield _link(name, target, posixpath.dirname(name)), lambda info=info: archive.open(info), None  # type: ignore[misc]
             elif kind not in (0, stat.S_IFREG, stat.S_IFDIR):
                 raise _RefusedError(f"holds {_printable(name)}, which is neither a file nor a directory")
             elif not info.filename.endswith(("/", "\\")):
-                yield Member(name, info.file_size), lambda info=info: archive.open(info)  # type: ignore[misc]
+                member = Member(name, info.file_size)
+                yield member, lambda info=info: archive.open(info), lambda info=info: info.compress_size  # type: ignore[misc]
 
 
 def _tar_members(file: IO[bytes], limit: int) -> Iterator[_Readable]:
     """Yields the regular files and links of a tar with what opens a file; reads to the end, where the checksum is."""
     decompressor = _DECOMPRESSORS.get(file.read(2))
     file.seek(0)
-    stream: IO[bytes] = decompressor(file) if decompressor else file
+    packed = SmallSteps(file)
+    stream: IO[bytes] = decompressor(packed) if decompressor else file
     # Names that are not UTF-8 keep their bytes as surrogates, so that a message can show them.
     with tarfile.TarFile(
         fileobj=stream, mode="r", tarinfo=_StrictInfo, encoding="utf-8", errors="surrogateescape"
@@ -214,7 +234,8 @@ def _tar_members(file: IO[bytes], limit: int) -> Iterator[_Readable]:
                 continue
             else:
                 raise _RefusedError(f"holds {_printable(name)}, which is neither a file nor a directory")
-            yield member, lambda info=info: cast(IO[bytes], archive.extractfile(info))  # type: ignore[misc]
+            spent = partial(packed.spent_since, packed.tell()) if decompressor else None
+            yield member, lambda info=info: cast(IO[bytes], archive.extractfile(info)), spent  # type: ignore[misc]
     while stream.read(_LONGEST_HEADER):
         if stream.tell() > limit:
             raise _RefusedError("decompresses out of all proportion")

@@ -11,7 +11,8 @@ from typing import IO, NamedTuple, TypeVar
 
 from everplace.errors import RouteError
 from everplace.files import readable
-from everplace.images.decoding import IMAGE_ENDINGS, is_image_name
+from everplace.images.decoding import IMAGE_ENDINGS
+from everplace.images.frame_names import choose_frames, unread_pictures
 from everplace.importing.foreign_route import Content, ForeignFrame
 from everplace.route.folder import list_directory
 from everplace.route.natural_order import natural_key, natural_sorted
@@ -114,8 +115,8 @@ class TreePath(os.PathLike[str]):
 
     @cached_property
     def images(self) -> tuple[str, ...]:
-        """The images below it, at any depth, by their names from here; errors as `files`."""
-        return tuple(filter(is_image_name, self.files()))
+        """The images below it, at any depth, by their names from here (see `choose_frames`); errors as `files`."""
+        return tuple(choose_frames(self, self.files()))
 
     def open(self) -> IO[bytes]:
         """Opens the file, such as a list or a table.
@@ -175,7 +176,8 @@ def image_names(directory: TreePath) -> list[str]:
         raise RouteError(f"{readable(directory)} {problem}; give the directory of the data set, or its archive")
     if not directory.images:
         raise RouteError(
-            f"{readable(directory)} holds no file that ends in {', '.join(_ENDINGS)}; put the images there"
+            f"{readable(directory)} holds no file that ends in {', '.join(_ENDINGS)}"
+            f"{unread_pictures(directory.files())}; put the images there"
         )
     try:
         "".join(directory.images).encode("utf-8")

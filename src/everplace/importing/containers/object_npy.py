@@ -18,6 +18,7 @@ import numpy as np
 
 from everplace.errors import RouteError
 from everplace.files import readable
+from everplace.git_lfs import POINTER_BYTES, is_pointer, pointer_sentence
 from everplace.importing.containers.file_trees import TreePath
 
 __all__ = ["read_object_array"]
@@ -42,6 +43,8 @@ def read_object_array(path: TreePath) -> list[Any]:
     try:
         with path.open() as file:
             data = file.read(_LARGEST + 1)
+        if is_pointer(data[:POINTER_BYTES]):
+            raise RouteError(pointer_sentence(readable(path)))
         if len(data) > _LARGEST:
             raise RouteError(f"{readable(path)} is larger than {_LARGEST} bytes; it is no list of matches")
         with warnings.catch_warnings():

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from everplace.errors import EverplaceError, MissingExtraError, RouteError
 from everplace.files import readable
+from everplace.git_lfs import refuse_pointer
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -125,6 +126,8 @@ def open_bag(path: Path) -> Iterator[Bag]:
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise MissingExtraError("reading bags", "ros") from error
+    for file in (path, *(path.glob("*") if path.is_dir() else ())):
+        refuse_pointer(file, RouteError)
     with contextlib.ExitStack() as stack:
         with _naming_errors(path):
             is_ros1 = path.suffix.lower() == ".bag" and not path.is_dir()

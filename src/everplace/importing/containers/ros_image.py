@@ -1,7 +1,7 @@
 """Pixels of `sensor_msgs/Image`, in the encodings that cameras use.
 
-8 bits a channel stay as they are; of 16 bits the upper 8 are taken, as for image files; alpha is dropped, which in a
-camera's image says nothing; colour mosaics and YUV 4:2:2 become RGB.
+8 bits a channel stay as they are; of 16 bits the upper 8 are taken, or a scale, as for image files; alpha is dropped,
+which in a camera's image says nothing; colour mosaics and YUV 4:2:2 become RGB.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.images.decoding import MAX_PIXELS
+from everplace.images.sixteen_bits import SixteenBits
 
 __all__ = ["ENCODINGS", "image_pixels"]
 
@@ -54,7 +55,14 @@ ENCODINGS = tuple(_LAYOUTS)
 
 
 def image_pixels(
-    encoding: str, height: int, width: int, step: int, data: NDArray[np.uint8], *, big_endian: bool
+    encoding: str,
+    height: int,
+    width: int,
+    step: int,
+    data: NDArray[np.uint8],
+    *,
+    big_endian: bool,
+    scale: SixteenBits | None = None,
 ) -> NDArray[np.uint8]:
     """Makes pixels of the fields of a message.
 
@@ -65,6 +73,7 @@ def image_pixels(
         step: Bytes a row, padding included.
         data: At least height × step bytes; the padding of the last row may be missing.
         big_endian: The byte order of 16-bit values.
+        scale: How 16-bit values become 8 bits; None: their upper 8 bits count.
 
     Returns:
         H×W×C uint8, C = 1 (grey) or 3 (RGB), C-contiguous.
@@ -88,7 +97,10 @@ def image_pixels(
         raise ValueError(f"{width}×{height} pixels are too few for a colour mosaic")
     rows = np.lib.stride_tricks.as_strided(data, (height, bytes_of_row), (step * data.itemsize, data.itemsize))
     values = rows.reshape(height, width, layout.channels, layout.bits // 8)
-    upper = values[..., 0 if big_endian else -1]
+    if layout.bits == 16 and scale is not None:
+        upper = scale.to_8_bits(np.ascontiguousarray(values).view(">u2" if big_endian else "<u2")[..., 0])
+    else:
+        upper = values[..., 0 if big_endian else -1]
     if layout.conversion:
         import cv2
 

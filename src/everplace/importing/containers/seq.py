@@ -33,6 +33,7 @@ import numpy as np
 
 from everplace.errors import RouteError
 from everplace.files import readable
+from everplace.git_lfs import refuse_pointer
 from everplace.images.decoding import MAX_FILE_BYTES, MAX_PIXELS
 from everplace.importing.foreign_route import Content, Encoded
 
@@ -138,6 +139,7 @@ def open_seq(path: Path) -> SeqFile:
         RouteError: The file cannot be read, is no such container, has pictures of a format that is not known
             here, or holds no whole frame; the message names the file and the remedy.
     """
+    refuse_pointer(path, RouteError)
     with _opened(path) as file:
         size = os.fstat(file.fileno()).st_size
         header = _read(path, file, 0, _HEADER.size, at_least=0)

@@ -11,6 +11,7 @@ from pathlib import PurePosixPath
 
 from everplace.errors import RouteError
 from everplace.files import readable
+from everplace.git_lfs import is_pointer, pointer_sentence
 from everplace.importing.containers.file_trees import TreePath
 
 __all__ = ["TextRow", "read_rows"]
@@ -115,6 +116,8 @@ def read_rows(path: TreePath, separator: str | None = None) -> Iterator[TextRow]
                         f"{readable(path)}, line {number} has more than {_MOST_CHARACTERS} characters, so it is no "
                         "such text file; export it again"
                     )
+                if number == 1 and is_pointer(line.encode()):
+                    raise RouteError(pointer_sentence(readable(path)))
                 text = line.strip()
                 if text and not text.startswith("#"):
                     fields = text.split(separator)

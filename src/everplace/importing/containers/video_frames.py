@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from everplace.errors import EverplaceError, MissingExtraError, RouteError
 from everplace.files import readable
+from everplace.git_lfs import refuse_pointer
 from everplace.images.decoding import MAX_PIXELS
 from everplace.importing.containers.video_ends import ends_early
 
@@ -183,6 +184,7 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
 
 
 def _open_file(path: Path) -> BinaryIO:
+    refuse_pointer(path, RouteError)
     try:
         return path.open("rb")
     except OSError as error:

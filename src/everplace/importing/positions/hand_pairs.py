@@ -44,7 +44,7 @@ def read_pairs(path: Path, reference: str, drives: Mapping[str, Sequence[str]]) 
         RouteError: The file is missing or malformed, names a drive or frame that does not exist, goes back, or
             has fewer than two pairs for a drive.
     """
-    table = CsvTable(path, remedy="check --pairs")
+    table = CsvTable(path, remedy="check `pairs`")
     columns = _columns(table, reference, drives)
     numbers = {name: {stem: number for number, stem in enumerate(drives[name])} for name in columns}
     found: dict[str, list[tuple[int, int]]] = {name: [] for name in columns if name != reference}

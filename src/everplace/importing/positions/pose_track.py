@@ -102,8 +102,8 @@ def with_poses(
         elif options.without_pose == "refuse":
             raise RouteError(
                 f"{track.origin} has no pose within {options.pose_limit:g} s of the frame {frame.stem!r} of "
-                f"{readable(drive)}, at {frame.seconds:.3f} s; leave such frames out with --set without_pose=drop, or "
-                "allow more with --set pose_limit"
+                f"{readable(drive)}, at {frame.seconds:.3f} s; leave such frames out with `without_pose=drop`, or "
+                "allow more with `pose_limit`"
             )
 
 

@@ -102,7 +102,7 @@ def align_by_position(a: NDArray[np.float64], b: NDArray[np.float64], radius: fl
     from scipy.spatial import KDTree
 
     if not (np.isfinite(radius) and radius > 0):
-        raise ConfigError(f"--radius {radius} is not a positive number of metres; give one")
+        raise ConfigError(f"`radius` {radius} is not a positive number of metres; give one")
     tree = KDTree(b)
 
     def rows() -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:

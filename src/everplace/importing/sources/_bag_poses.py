@@ -40,7 +40,7 @@ def stamp_of(recorded: int, message: Any, where: str, clock: Clock) -> float:
     """
     seconds = _stamp(recorded, message, clock)
     if seconds is None:
-        raise RouteError(f"{where} has no time stamp; take the times of recording with --set clock=recorded")
+        raise RouteError(f"{where} has no time stamp; take the times of recording with `clock=recorded`")
     return seconds
 
 
@@ -92,9 +92,7 @@ def read_track(
             values.append([message.latitude, message.longitude] if message_type == FIX else _pose_of(message, where))
             seconds.append(stamp_of(recorded, message, where, clock))
     if not values:
-        raise RouteError(
-            f"the topic {topic.name} of {label} holds no position; choose another or none with --set poses"
-        )
+        raise RouteError(f"the topic {topic.name} of {label} holds no position; choose another or none with `poses`")
     name = f"the topic {topic.name} of {label}"
     table = np.array(values, dtype=np.float64)
     if message_type == FIX:
@@ -129,6 +127,6 @@ def _pose_of(message: Any, where: str) -> list[float]:
     if not all(map(math.isfinite, values)) or not 0.95 < math.hypot(*values[3:]) < 1.05:
         raise RouteError(
             f"{where} has a position that is not finite or a quaternion whose length is not 1; choose another topic "
-            "or none with --set poses"
+            "or none with `poses`"
         )
     return values

@@ -16,7 +16,7 @@ from everplace.files import readable
 from everplace.importing.containers.data_set_search import FoundDirectories, find_directories
 from everplace.importing.containers.file_trees import TreePath, read_files
 from everplace.importing.containers.text_rows import TextRow, read_rows
-from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, ScaledOptions
 from everplace.importing.positions.trajectory import Trajectory, Up, plane_poses, read_quaternion, rotation_of
 from everplace.route.natural_order import natural_sorted
 from everplace.route.traverse import Pose
@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 
-class SequenceOptions(SourceOptions):
+class SequenceOptions(ScaledOptions):
     """Options of all these data sets."""
 
     poses: bool = True
@@ -134,7 +134,7 @@ def read_trajectory(
     """
     rows = list(read_rows(path, separator))
     if not rows:
-        raise RouteError(f"{readable(path)} holds no pose; get the sequence again, or import with --set poses=false")
+        raise RouteError(f"{readable(path)} holds no pose; get the sequence again, or import with `poses=false`")
     quaternions = [read_quaternion(row, 4, w_first=w_first) for row in rows]
     return Trajectory.of([seconds(row) for row in rows], [row.floats(1, 4) for row in rows], rotation_of(quaternions))
 
@@ -186,16 +186,16 @@ def sequences_route(
         elif lost == len(sequence.frames):
             raise RouteError(
                 f"of the {lost} images that {readable(sequence.listing)} names there is none with a pose: {why}; check "
-                "that images and poses are of one sequence, or import without poses: --set poses=false"
+                "that images and poses are of one sequence, or import without poses: `poses=false`"
             )
         elif lost:
             said.append(
                 f"{lost} of {len(sequence.frames)} frames of {readable(sequence.name)} have {why} and were left out; "
-                "--set poses=false keeps them, and leaves out all poses."
+                "`poses=false` keeps them, and leaves out all poses."
             )
     posed = all(sequence.has_poses for sequence in sequences)
     if posed and radius is None:
-        said.append("The data set names no radius for the same place: give one with --radius where you evaluate.")
+        said.append("The data set names no radius for the same place: say it in metres where you evaluate.")
     return ForeignRoute(
         traverses=(
             ForeignTraverse(sequence.name, _frames(sequence), count=len(_kept(sequence))) for sequence in sequences

@@ -14,11 +14,14 @@ from PIL.TiffImagePlugin import TiffImageFile
 
 from everplace.errors import ConfigError, ImageError, RouteError
 from everplace.files import readable
-from everplace.images.decoding import BROKEN_IMAGE_ERRORS, MAX_PIXELS, is_image_name, read_image_bytes
+from everplace.git_lfs import refuse_pointer
+from everplace.images.decoding import BROKEN_IMAGE_ERRORS, MAX_PIXELS, read_image_bytes
+from everplace.images.frame_names import choose_frames
 from everplace.importing.containers.file_trees import TreePath, by_stem
 from everplace.importing.containers.seq import open_seq
 from everplace.importing.foreign_route import Content
 from everplace.route.natural_order import natural_sorted
+from everplace.warning_source import warnings_of
 
 __all__ = ["KaistSequence", "find_sequences", "visible_channels"]
 
@@ -92,7 +95,8 @@ def visible_channels(path: Path) -> Content:
     if path.suffix.lower() not in {".tif", ".tiff"}:
         return path
     try:
-        with TiffImageFile(io.BytesIO(read_image_bytes(path))) as image:
+        refuse_pointer(path, ImageError)
+        with warnings_of(readable(path)), TiffImageFile(io.BytesIO(read_image_bytes(path))) as image:
             if len(image.getbands()) != 4:
                 return path
             if image.width * image.height > MAX_PIXELS:
@@ -145,7 +149,7 @@ def _open_video(key: str, path: Path) -> KaistSequence:
 
 def _open_images(key: str, path: TreePath) -> KaistSequence:
     directory = path / _VISIBLE if (path / _VISIBLE).is_dir() else path
-    names = by_stem(directory, filter(is_image_name, directory.children().files))
+    names = by_stem(directory, choose_frames(directory, directory.children().files))
     if not names:
         raise RouteError(f"{readable(directory)} holds no image; extract the frames, or leave the sequence out")
     stems = natural_sorted(names)

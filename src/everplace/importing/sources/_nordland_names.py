@@ -13,6 +13,7 @@ import numpy as np
 
 from everplace.errors import RouteError
 from everplace.files import readable
+from everplace.git_lfs import refuse_pointer
 from everplace.importing.foreign_route import ForeignFrame
 
 __all__ = ["SEASONS", "Copy", "Named", "at_frame", "olid_frame", "olid_stem", "read_list", "season_frame", "season_of"]
@@ -122,9 +123,7 @@ def read_list(path: Path) -> list[Named]:
     except UnicodeDecodeError as error:
         raise RouteError(f"the list {readable(path)} is not UTF-8 text; save it with one name in each line") from error
     except OSError as error:
-        raise RouteError(
-            f"cannot read the list {readable(path)}: {error.strerror or error}; check --set list"
-        ) from error
+        raise RouteError(f"cannot read the list {readable(path)}: {error.strerror or error}; check `list`") from error
     frames = list(_named(lines, season_of(path.stem)))
     if not frames:
         raise RouteError(f"the list {readable(path)} names no frame; it must hold one name in each line")
@@ -146,6 +145,7 @@ def _named(lines: Iterable[str], season: str) -> Iterable[Named]:
 
 
 def _npy_lines(path: Path) -> list[str]:
+    refuse_pointer(path, RouteError)
     try:
         # Mapped, so that a header that claims to be huge takes no memory.
         array = np.load(path, mmap_mode="r", allow_pickle=False)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from everplace.errors import MissingExtraError, RouteError
 from everplace.files import readable
+from everplace.git_lfs import refuse_pointer
 from everplace.images.formats import image_ending
 from everplace.importing.foreign_route import Encoded, ForeignFrame
 from everplace.importing.sources._nordland_names import Copy, olid_stem, season_of
@@ -104,6 +105,7 @@ def _opened(path: Path) -> Iterator[Any]:
         import pyarrow.parquet
     except ImportError as error:
         raise MissingExtraError("reading Parquet files", "parquet") from error
+    refuse_pointer(path, RouteError)
     try:
         with pyarrow.parquet.ParquetFile(path, pre_buffer=False) as file:
             yield file

@@ -56,7 +56,7 @@ PRESETS: Mapping[str, Preset] = {
         "Nordland 1,600 training and 6,400 test frames a season, ±1",
         1,
         "Protocol: 1,600 training and 6,400 test frames a season. The paper does not say which: here 8,000 are spread "
-        "evenly over the frames that all seasons share. Train with --frames 0:1600, test with --frames 1600:8000. It "
+        "evenly over the frames that all seasons share. Train on the places 0:1600, test on 1600:8000. It "
         "does not say by how much a match may be off either: here 1 frame.",
     ),
 }
@@ -83,7 +83,7 @@ def paper_protocol(stems: Mapping[str, Sequence[str]], listed: bool, unfiltered:
         if not listed:
             raise RouteError(
                 f"preset paper needs the list of the {_FULL} frames without tunnels and stops, but there is none and "
-                f"{season} has {len(names)}; name it with --set list=FILE, or take all with --set unfiltered=true"
+                f"{season} has {len(names)}; name it with `list=FILE`, or take all with `unfiltered=true`"
             )
         return f"{protocol}, by a list of {len(names)} frames"
     return protocol
@@ -135,6 +135,6 @@ def _wrong_count(preset: str, season: str, count: int, needed: int) -> RouteErro
     remedy = (
         "give the whole test split"
         if preset == "olid"
-        else "name the list of frames without tunnels and stops with --set list=FILE"
+        else "name the list of frames without tunnels and stops with `list=FILE`"
     )
     return RouteError(f"preset {preset} needs {needed} frames a season, but {season} has {count}; {remedy}")

@@ -22,6 +22,7 @@ from pydantic import AfterValidator
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.images.formats import image_ending
+from everplace.images.sixteen_bits import SixteenBits
 from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.containers.ros_bag import BAG_ENDINGS, METADATA, Topic, read_messages, read_topics
 from everplace.importing.containers.ros_image import image_pixels
@@ -114,7 +115,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         notes.append(
             f"Positions are metres east and north of latitude {origin[0]:.7f}, longitude {origin[1]:.7f}, on the plane "
             "that touches the WGS 84 ellipsoid there; import other drives of this route with "
-            f"--set origin={origin[0]!r},{origin[1]!r}."
+            f"`origin`={origin[0]!r},{origin[1]!r}."
         )
     return recorded_route(source, drives, options, notes)
 
@@ -146,9 +147,9 @@ def _choose(found: Sequence[Topic], label: str, what: str, option: str, wanted: 
         raise RouteError(f"{label} holds no {what} topic with messages ({', '.join(types)}); check the bag")
     chosen = [topic for topic in topics if topic.name == wanted] if wanted else topics
     if not chosen:
-        raise ConfigError(f"{label} holds no {what} topic {wanted!r}; choose one with --set {option}: {offer}")
+        raise ConfigError(f"{label} holds no {what} topic {wanted!r}; choose one with `{option}`: {offer}")
     if len(chosen) > 1:
-        raise ConfigError(f"{label} holds several {what} topics; choose one with --set {option}: {offer}")
+        raise ConfigError(f"{label} holds several {what} topics; choose one with `{option}`: {offer}")
     if len(chosen[0].types) > 1:
         raise RouteError(
             f"the topic {readable(chosen[0].name)} of {label} mixes "
@@ -180,6 +181,7 @@ def _read_images(paths: Sequence[Path], topic: Topic, options: Options) -> Itera
         RouteError: A part begins before the one before it.
     """
     (message_type,) = topic.types
+    scale = options.scale()
     total = 0
     began = -math.inf
     for path in paths:
@@ -190,15 +192,15 @@ def _read_images(paths: Sequence[Path], topic: Topic, options: Options) -> Itera
             if number == 0 and seconds < began:
                 raise RouteError(
                     f"{readable(path)} begins before the part that it follows; name the parts in the order of time "
-                    "with --set join=FIRST,SECOND,..."
+                    "with `join=FIRST,SECOND,...`"
                 )
             began = seconds if number == 0 else began
-            content = _encoded(message, where) if message_type == _COMPRESSED else _pixels(message, where)
-            yield ForeignFrame(f"{total:06d}", content, seconds=seconds)
+            content = _encoded(message, where) if message_type == _COMPRESSED else _pixels(message, where, scale)
+            yield ForeignFrame(f"{total:06d}", content, seconds=seconds, scale=scale)
             total += 1
 
 
-def _pixels(message: Any, where: str) -> Content:
+def _pixels(message: Any, where: str, scale: SixteenBits) -> Content:
     try:
         return image_pixels(
             message.encoding,
@@ -207,6 +209,7 @@ def _pixels(message: Any, where: str) -> Content:
             message.step,
             np.ascontiguousarray(message.data, dtype=np.uint8),
             big_endian=bool(message.is_bigendian),
+            scale=scale,
         )
     except ValueError as error:
         raise RouteError(f"{where} cannot be read: {error}; convert the topic or choose another") from error

@@ -98,7 +98,7 @@ def _read_camera(camera: TreePath) -> NDArray[np.float64]:
     if not path.is_file():
         raise RouteError(
             f"there is no {readable(path)}, which says how the camera is mounted; get the sequence again, or import "
-            "with --set poses=false"
+            "with `poses=false`"
         )
     with path.open() as file:
         text = file.read(_LONGEST_YAML).decode("utf-8", "replace")

@@ -13,8 +13,9 @@ from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.data_set_search import find_data_set
 from everplace.importing.containers.file_trees import TreePath, by_stem, read_frames
+from everplace.importing.containers.hdf5_names import read_image_names
 from everplace.importing.containers.text_rows import read_rows
-from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, ScaledOptions
 from everplace.route.truth import TruthPair
 
 __all__ = ["SUMMARY", "Options", "read"]
@@ -23,10 +24,9 @@ SUMMARY = "hloc: a text file of image pairs as the truth, HDF5 or text files as 
 
 _QUERIES, _DATABASE, _IMAGES = "queries", "database", "images"
 _HDF5 = (".h5", ".hdf5")
-_EVERPLACE = ("image_names", "names")  # everplace's own layout; older files have the second alone
 
 
-class Options(SourceOptions):
+class Options(ScaledOptions):
     """Options of the kind; files are looked for from the source's directory."""
 
     pairs: str = "pairs.txt"
@@ -54,7 +54,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     pairs_file = place / options.pairs
     pairs = _read_pairs(pairs_file)
     if not pairs:
-        raise RouteError(f"{readable(pairs_file)} names no pair; give hloc's file of pairs with --set pairs=FILE")
+        raise RouteError(f"{readable(pairs_file)} names no pair; give hloc's file of pairs with `pairs=FILE`")
     queries = _side(place, options.queries, [query for query, _ in pairs], pairs_file)
     database = _side(place, options.database, [image for _, image in pairs], pairs_file)
     together = not set(queries).isdisjoint(database)
@@ -102,43 +102,11 @@ def _side(place: TreePath, listing: str, named: list[str], pairs_file: TreePath)
 
 
 def _read_hdf5(path: TreePath) -> list[str]:
-    """Returns the names of the images in a file of features: paths of the groups that hold no more groups."""
-    import h5py
-
-    try:
-        with _open_hdf5(path) as file:
-            own = next((name for name in _EVERPLACE if isinstance(file.get(name), h5py.Dataset)), None)
-            names = _leaf_groups(file) if own is None else list(file[own].asstr()[:].ravel())
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-        reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
-        raise RouteError(f"{readable(path)} is not a readable HDF5 file ({reason}); get it again") from error
+    """Returns the names of the images in a file of features or descriptors."""
+    names = read_image_names(path)
     for name in names:
         if not name or name.startswith("/") or ".." in name.split("/") or "\0" in name:
             raise RouteError(f"{readable(path)} names the image {name[:200]!r}, which is not inside the data set")
     if not names:
         raise RouteError(f"{readable(path)} names no image; give a file of features or descriptors")
     return names
-
-
-def _open_hdf5(path: TreePath):  # type: ignore[no-untyped-def]
-    import h5py
-
-    if path.is_on_disk:
-        return h5py.File(path, "r")
-    with path.open() as file:
-        return h5py.File(h5py.h5f.open_file_image(file.read()))
-
-
-def _leaf_groups(file) -> list[str]:  # type: ignore[no-untyped-def]
-    """The groups that hold no group; each is visited once, and links are not followed, so nothing leads in circles."""
-    import h5py
-
-    groups: list[str] = []
-
-    def note(name: str, item: object) -> None:
-        if isinstance(item, h5py.Group):
-            groups.append(name)
-
-    file.visititems(note)
-    holders = {group.rpartition("/")[0] for group in groups}
-    return [group for group in groups if group not in holders]

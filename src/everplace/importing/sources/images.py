@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
 from everplace.images.decoding import is_image_name
+from everplace.images.frame_names import unread_pictures
 from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.foreign_route import ForeignFrame, ForeignRoute
 from everplace.importing.positions.pose_track import PoseTrack, read_pose_track, with_poses
@@ -46,7 +47,11 @@ def read(source: Path, options: RecordingOptions) -> ForeignRoute:
         return recorded_route(source, [_open(source.absolute(), options)], options, _left_out(directories))
     holding = [name for name in directories if any(map(is_image_name, TreePath(source / name).children().files))]
     if not holding:
-        raise RouteError(f"{readable(source)} holds no image, nor do its directories; give a directory of images")
+        inside = (name for directory in directories for name in TreePath(source / directory).children().files)
+        unread = unread_pictures([*files, *inside])
+        raise RouteError(
+            f"{readable(source)} holds no image, nor do its directories{unread}; give a directory of images"
+        )
     others = [name for name in directories if name not in holding]
     drives = [_open(source / name, options) for name in holding]
     return recorded_route(source, drives, options, _left_out(others), told=_told(source, options))

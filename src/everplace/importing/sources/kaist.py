@@ -118,11 +118,11 @@ def _truth_from(options: Options, poses: Mapping[str, NDArray[np.float64]]) -> s
 def _check(options: Options) -> None:
     """Raises `ConfigError` for options that do not go together."""
     if options.preset and not options.align:
-        raise ConfigError("preset paper needs sequences that are aligned; add --set align=gps or --set align=pairs")
+        raise ConfigError("preset paper needs sequences that are aligned; add `align=gps` or `align=pairs`")
     if options.align == "pairs" and options.pairs is None:
-        raise ConfigError("align=pairs needs the pairs; add --set pairs=FILE.csv")
+        raise ConfigError("align=pairs needs the pairs; add `pairs=FILE.csv`")
     if options.pairs is not None and options.align != "pairs":
-        raise ConfigError("pairs are of no use without --set align=pairs; add it, or leave the pairs out")
+        raise ConfigError("pairs are of no use without `align=pairs`; add it, or leave the pairs out")
 
 
 def _check_paper(source: Path, conditions: dict[str, str]) -> None:
@@ -130,13 +130,13 @@ def _check_paper(source: Path, conditions: dict[str, str]) -> None:
     if len(conditions) != _PAPER_SEQUENCES:
         raise RouteError(
             f"preset paper needs {_PAPER_SEQUENCES} sequences, but {readable(source)} gives {len(conditions)}; "
-            "choose them with --set sequences=setNN/VNNN,..."
+            "choose them with `sequences=setNN/VNNN,...`"
         )
     for key, condition in conditions.items():
         if condition not in _PAPER_CONDITIONS:
             raise RouteError(
                 f"preset paper knows the conditions {', '.join(sorted(_PAPER_CONDITIONS))}, but that of {key} is "
-                f"{condition or 'not known'}; say it with --set conditions={key}:night,..."
+                f"{condition or 'not known'}; say it with `conditions`={key}:night,..."
             )
 
 
@@ -259,7 +259,7 @@ def _notes_on_conditions(conditions: dict[str, str]) -> list[str]:
         return []
     return [
         f"No condition is known for {', '.join(unknown)}: the traverse's name stands for it. Say it with "
-        f"--set conditions={unknown[0]}:night,..."
+        f"`conditions`={unknown[0]}:night,..."
     ]
 
 

@@ -69,7 +69,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     found, notes = find_sequences(source, lambda path: (path / "sensors" / _RECORDS).is_file(), f"sensors/{_RECORDS}")
     sequences = [sequence for path in found for sequence in _read_directory(path, options)]
     if any(sequence.has_poses for sequence in sequences):
-        notes.append(f"The axis {options.up} was taken for up; if it is another, say so with --set up=AXIS.")
+        notes.append(f"The axis {options.up} was taken for up; if it is another, say so with `up=AXIS`.")
     return sequences_route(sequences, options.radius, "no pose in trajectories.txt", notes)
 
 
@@ -125,9 +125,7 @@ def _read_records(sensors: TreePath, camera: str) -> dict[str, tuple[int, str]]:
     used = sorted({device for _, device in records.values()})
     offer = ", ".join(map(readable, used)) or "none"
     if not camera and len(used) > 1:
-        raise RouteError(
-            f"{readable(path)} holds images of the cameras {offer}; choose one with --set camera=ID, or all"
-        )
+        raise RouteError(f"{readable(path)} holds images of the cameras {offer}; choose one with `camera=ID`, or all")
     if camera and camera != "all" and camera not in used:
         raise RouteError(f"{readable(path)} holds no image of the camera {camera!r}, only of {offer}")
     return {name: record for name, record in records.items() if camera in {"", "all", record[1]}}

@@ -67,7 +67,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
             if find_directories(source, holding(camera))[0]:
                 raise RouteError(
                     f"neither {readable(source)} nor a directory in it holds {options.camera}/, but there is {camera}/"
-                    f"; take it with --set camera={camera}"
+                    f"; take it with `camera`={camera}"
                 ) from error
         raise
     names = [path.name for path in found]
@@ -120,6 +120,6 @@ def _read_poses(path: TreePath) -> list[Pose]:
             raise row.wrong("holds no pose: the left 3×3 part of its 3×4 matrix does not turn; correct it")
         rows.append(matrix)
     if not rows:
-        raise RouteError(f"{readable(path)} holds no pose; get it again, or import with --set poses=false")
+        raise RouteError(f"{readable(path)} holds no pose; get it again, or import with `poses=false`")
     poses = np.stack(rows)
     return plane_poses(poses[:, :, 3], Rotation.from_matrix(poses[:, :, :3]), "-y")

@@ -22,7 +22,8 @@ from pydantic import Field
 
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable
-from everplace.images.decoding import is_image_name
+from everplace.images.frame_names import choose_frames
+from everplace.images.sixteen_bits import SixteenBits, used_range
 from everplace.importing.containers.data_set_search import find_data_set
 from everplace.importing.containers.file_trees import TreePath, by_stem, read_files
 from everplace.importing.foreign_route import (
@@ -31,8 +32,9 @@ from everplace.importing.foreign_route import (
     ForeignFrame,
     ForeignRoute,
     ForeignTraverse,
-    SourceOptions,
+    ScaledOptions,
 )
+from everplace.importing.frame_pixels import values_of_16_bits
 from everplace.importing.positions.geodesy import local_plane, track_headings
 from everplace.importing.sources._kaist_conditions import condition_of, read_conditions
 from everplace.route.natural_order import natural_sorted
@@ -45,17 +47,18 @@ SUMMARY = "KAIST MS2: drives by day, night and rain with colour, near-infrared a
 _DRIVEN = re.compile(r"_?([0-9]{4}-[0-9]{2}-[0-9]{2})-([0-9]{2})-[0-9]{2}-[0-9]{2}")
 _RAINY_DATE, _RAINY_FROM, _NIGHT_FROM = "2021-08-06", 16, 20
 _LONGEST_LINE = 1000
+_SAMPLE = 64
 _TIME_UNITS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
 _LICENCE = "MS2 is for research only; cite Shin, Park and Kweon (CVPR 2023)."
 
 
-class Options(SourceOptions):
+class Options(ScaledOptions):
     """Options of the kind."""
 
     sequences: tuple[str, ...] = ()
     """Which to take, such as _2021-08-06-10-59-33; by default all."""
     camera: Literal["rgb", "nir", "thr"] = "rgb"
-    """rgb, nir or thr."""
+    """rgb, nir or thr; the 16-bit values of thr are scaled by what each drive uses, unless range or bits is given."""
     side: Literal["left", "right"] = "left"
     """left or right."""
     conditions: tuple[str, ...] = ()
@@ -75,6 +78,7 @@ class _Drive:
     positions: NDArray[np.float64] | None = field(repr=False)
     seconds: NDArray[np.float64] | None = field(repr=False)
     lost: int
+    scale: SixteenBits
 
 
 def read(source: Path, options: Options) -> ForeignRoute:
@@ -108,9 +112,15 @@ def read(source: Path, options: Options) -> ForeignRoute:
     bare = [readable(drive.name) for drive in drives if drive.positions is None and not drive.lost]
     notes += [f"{name} has no gps_imu/data: it gets no poses." for name in bare]
     notes += [_note_on_fixes(drive) for drive in drives if drive.lost]
+    notes += [
+        f"The 16-bit values {drive.scale.low}:{drive.scale.high} of {readable(drive.name)} became 0 to 255, which is "
+        "what its frames use; `range` or `bits` gives all drives one scale."
+        for drive in drives
+        if options.range is None and options.bits is None and not drive.scale.is_whole
+    ]
     return ForeignRoute(
         _traverses(drives, origin, table),
-        notes=tuple(notes),
+        notes=notes,
         truth_from="positions by GPS" if fixes else "",
     )
 
@@ -136,6 +146,7 @@ def _frames(drive: _Drive, name: str, origin: tuple[float, float]) -> Iterator[F
             content,
             None if poses is None else Pose(*poses[index].tolist()),
             None if drive.seconds is None else float(drive.seconds[index]),
+            drive.scale,
         )
 
 
@@ -156,7 +167,7 @@ def _sequences(directory: TreePath, camera: str) -> list[str]:
 
 def _open(root: TreePath, options: Options) -> _Drive:
     directory = root / options.camera / f"img_{options.side}"
-    names = by_stem(directory, filter(is_image_name, directory.children().files))
+    names = by_stem(directory, choose_frames(directory, directory.children().files))
     if not names:
         raise RouteError(f"{readable(directory)} holds no image; unpack it, or leave the sequence out with sequences=")
     stems = natural_sorted(names)
@@ -169,14 +180,17 @@ def _open(root: TreePath, options: Options) -> _Drive:
     fixed = np.ones(len(files), np.bool_) if positions is None else positions.any(axis=1)
     lost = int((~fixed).sum())
     if lost == len(files):
-        return _Drive(root.name, directory, tuple(files), None, times, lost)
+        scale = _scale(directory, tuple(files), options)
+        return _Drive(root.name, directory, tuple(files), None, times, lost, scale)
+    kept = tuple(files[fixed])
     return _Drive(
         root.name,
         directory,
-        tuple(files[fixed]),
+        kept,
         None if positions is None else positions[fixed],
         None if times is None else times[fixed],
         lost,
+        _scale(directory, kept, options),
     )
 
 
@@ -189,6 +203,20 @@ def _note_on_fixes(drive: _Drive) -> str:
         f"{drive.lost} of {drive.lost + len(drive.files)} frames of {name} are at exactly 0, 0, where the receiver had "
         "no fix, and were left out."
     )
+
+
+def _scale(directory: TreePath, files: Sequence[str], options: Options) -> SixteenBits:
+    """Returns the scale of a drive: as given, or for a thermal camera the range that a sample of its frames uses."""
+    if options.camera != "thr" or options.range is not None or options.bits is not None:
+        return options.scale()
+    step = -(-len(files) // _SAMPLE)
+    sample = read_files(directory, {file: file for file in files[::step]})
+    values = (values_of_16_bits(ForeignFrame(file, content)) for file, content in sample)
+    try:
+        low, high = used_range(frame for frame in values if frame is not None)
+    except ValueError:  # a copy of 8 bits
+        return options.scale()
+    return SixteenBits(low, high + 1)
 
 
 def _read_positions(directory: TreePath, stems: Sequence[str], where: str) -> NDArray[np.float64]:

@@ -85,7 +85,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
         MissingExtraError: The form needs a package that is not installed.
     """
     if options.preset == "olid" and options.split == "train":
-        raise ConfigError("preset olid is about the test split; leave out --set split=train")
+        raise ConfigError("preset olid is about the test split; leave out `split=train`")
     if options.unfiltered and (options.preset != "paper" or options.list):
         raise ConfigError("unfiltered=true is for preset paper without a list; leave it out")
     copy = _open(source, options)
@@ -95,7 +95,7 @@ def read(source: Path, options: Options) -> ForeignRoute:
     if absent or not stems:
         raise RouteError(
             f"{readable(source)} holds {', '.join(copy.stems)}, but not {min(absent or _seasons(options))}; "
-            "choose others with --set seasons"
+            "choose others with `seasons`"
         )
     wants_list = preset is not None and preset.wants_list and not options.unfiltered
     lists = options.list or (_find_list(source) if wants_list else ())
@@ -254,7 +254,7 @@ def _listed(stems: dict[str, list[str]], lists: Sequence[Path], source: Path) ->
     for season, names in wanted.items():
         if not names:
             raise RouteError(
-                f"no list names a frame of {season}; add its list to --set list, or choose others with --set seasons"
+                f"no list names a frame of {season}; add its list to `list`, or choose others with `seasons`"
             )
         missing = set(names).difference(stems[season])
         if missing:

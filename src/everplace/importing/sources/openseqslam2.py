@@ -17,7 +17,7 @@ from everplace.files import readable
 from everplace.importing.containers.data_set_search import find_data_set
 from everplace.importing.containers.file_trees import TreePath, by_stem, image_names, read_frames
 from everplace.importing.containers.text_rows import read_rows
-from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.foreign_route import ForeignRoute, ForeignTraverse, ScaledOptions
 from everplace.route.truth import TruthPair
 
 __all__ = ["SUMMARY", "Options", "read"]
@@ -27,7 +27,7 @@ SUMMARY = "OpenSeqSLAM2: two directories or lists of images and the CSV file of 
 _LISTS = (".txt", ".csv", ".lst")
 
 
-class Options(SourceOptions):
+class Options(ScaledOptions):
     """Options of the kind; all paths start at the source's directory."""
 
     query: str = "query"

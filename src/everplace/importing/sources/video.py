@@ -67,7 +67,7 @@ _OTHER_ENDINGS = (
 )
 """Endings of videos that a directory's are not taken by: other forms, previews of cameras, broken downloads."""
 
-_BROKEN = f"{ANEW}, or take the frames before that with --set damaged=keep"
+_BROKEN = f"{ANEW}, or take the frames before that with `damaged=keep`"
 
 
 class Options(PartOptions):

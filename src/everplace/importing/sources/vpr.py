@@ -20,7 +20,7 @@ from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.data_set_search import find_data_set
 from everplace.importing.containers.file_trees import TreePath, by_stem, image_names, read_files
-from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, SourceOptions
+from everplace.importing.foreign_route import ForeignFrame, ForeignRoute, ForeignTraverse, ScaledOptions
 from everplace.route.traverse import Pose
 
 __all__ = ["SUMMARY", "Options", "read"]
@@ -34,7 +34,7 @@ _EAST, _NORTH, _ZONE, _HEADING, _TIME, _COMPLETE = 1, 2, 3, 9, 13, 16
 _ZONE_WIDTH = 1_000_000.0
 
 
-class Options(SourceOptions):
+class Options(ScaledOptions):
     """Options of the kind."""
 
     split: Literal["train", "val", "test"] = "test"
@@ -106,7 +106,7 @@ def _find(source: Path, split: str) -> tuple[TreePath, list[str]]:
         if _is_split(candidate):
             return candidate, notes
     there = [name for name in _SPLITS if any(one.is_dir() for one in _places(root, name))]
-    remedy = f"choose --set split= one of {', '.join(there)}" if there else "give the directory above images"
+    remedy = f"choose `split`= one of {', '.join(there)}" if there else "give the directory above images"
     raise RouteError(f"{readable(source)} holds no images/{split} with the directories database and queries; {remedy}")
 
 
