@@ -149,3 +149,17 @@ def test_a_full_disk_is_the_machines_fault(summer_map: Path, unchanged_rendered_
         "free space or check the permissions\n"
     )
     assert asked("info", summer_map)["version"] == 1
+
+
+def test_compare_tells_both_versions(unchanged_three_map: Path) -> None:
+    compared = asked("compare", unchanged_three_map, "1", "winter")
+    assert [one["version"] for one in compared["versions"]] == [1, 3]
+    assert compared["known"] == compared["frames"] == 60
+    status, out, err = call("map", "compare", unchanged_three_map, "1", "winter")
+    assert (status, err) == (0, "")
+    head, columns, earlier, newest = out.splitlines()
+    assert head == "winter: 60 frames, the places of 60 are known"
+    assert columns.split() == ["version", "recall", "probability", "sure", "drives"]
+    assert earlier.split()[:2] == ["1", f"{compared['versions'][0]['recall']:.3f}"]
+    assert newest.endswith("summer, autumn, winter, which this drive taught")
+    assert "has no version 7" in refused("map", "compare", unchanged_three_map, "7", "winter")

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from everplace.errors import MapError, StorageError
+from everplace.mapping.image_statistics import STATISTICS
 from everplace.mapping.map_tables import MapState, MapTables, as_matrix
 
 F = 8
@@ -36,6 +37,7 @@ def rows(drive: str, count: int, features: int = F, seed: int = 0) -> dict[str, 
         "heading": np.zeros(count),
         "seconds": np.full(count, np.nan),
         "features": rng.normal(size=(count, features)).astype(np.float16),
+        "looks": rng.normal(size=(count, STATISTICS)).astype(np.float32),
         "thumbnail": [bytes([index]) for index in number],
     }
 

@@ -155,9 +155,26 @@ class Localizer:
             ImageError: The array is no image.
         """
         pixels = convert_image(image, self._describer.image)
-        features = self._describer.describe_batch(pixels[None])
-        looks = how_it_looks(np.asarray(image))
-        vector = directions(project(features, self._projection))
+        features = self._describer.describe_batch(pixels[None])[0]
+        return self.locate_described(features, how_it_looks(np.asarray(image)), time, excluded=excluded)
+
+    def locate_described(
+        self,
+        features: NDArray[np.floating],
+        looks: NDArray[np.float32],
+        time: float | None = None,
+        *,
+        excluded: tuple[str, int, int] | None = None,
+    ) -> MapAnswer:
+        """Answers one frame by what `everplace.mapping.described_drive.describe_drive` says of it.
+
+        Args:
+            features: (F,) of the map's method.
+            looks: (S,) of `everplace.mapping.image_statistics.how_it_looks`.
+            time: Seconds; handed on.
+            excluded: As for `locate`.
+        """
+        vector = directions(project(features[None], self._projection))
         frames = vector @ self._vectors.T
         if excluded is not None:
             drive, number, distance = excluded

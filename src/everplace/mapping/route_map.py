@@ -236,6 +236,10 @@ class Map:
         """N×D, in the order of `frames`."""
         return self._tables.descriptors(self._state)
 
+    def placement(self, described: DescribedDrive) -> Placement:
+        """Where the frames of a drive lie on the map, as adding it would say."""
+        return self._placed(described, "auto")
+
     def add(
         self,
         drive: _SOURCE,
