@@ -21,7 +21,7 @@ from everplace.route.selection import Selection, parse_frames
 from everplace.scoring.retrieval import retrieve
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
-from studies import adaptation, calibration, comparisons, folds, living_map, prior, sequences, teaching
+from studies import adaptation, calibration, comparisons, folds, living_map, map_kills, prior, sequences, teaching
 from studies.protocols import PROTOCOLS, Protocol
 from studies.tables import SCORES, spread
 
@@ -42,6 +42,7 @@ def study() -> None:
         "prior": prior.main,
         "adaptation": adaptation.main,
         "living_map": living_map.main,
+        "map_kills": map_kills.main,
         "teaching": teaching.main,
     }
     if sys.argv[1:] and sys.argv[1] in others:

@@ -77,6 +77,53 @@ def unchanged_tiny_route(tmp_path_factory: pytest.TempPathFactory, make_landscap
     return make_landscapes(tmp_path_factory.mktemp("route") / "tiny", PLACES)
 
 
+@pytest.fixture(scope="session")
+def unchanged_rendered_route(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rendered road of 60 places in summer, autumn and winter, 64×128, with poses; nobody may change it."""
+    from everplace.render.render_config import RenderConfig
+    from everplace.render.rendered_route import render_route
+
+    path = tmp_path_factory.mktemp("rendered") / "road"
+    render_route(path, RenderConfig(places=60, seed=3, size=(64, 128), conditions=("summer", "autumn", "winter")))
+    return path
+
+
+@pytest.fixture(scope="session")
+def unchanged_summer_map(unchanged_rendered_route: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A map by hog16 of that road's summer; nobody may change it."""
+    from everplace.mapping.route_map import Map
+
+    path = tmp_path_factory.mktemp("map") / "road"
+    Map.create(path, unchanged_rendered_route / "summer", method="hog16")
+    return path
+
+
+@pytest.fixture(scope="session")
+def unchanged_three_map(
+    unchanged_summer_map: Path, unchanged_rendered_route: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """The same with autumn and winter; nobody may change it."""
+    from everplace.mapping.route_map import Map
+
+    path = tmp_path_factory.mktemp("map") / "road"
+    shutil.copytree(unchanged_summer_map, path)
+    for name in ("autumn", "winter"):
+        Map.open(path).add(unchanged_rendered_route / name)
+    return path
+
+
+@pytest.fixture
+def summer_map(unchanged_summer_map: Path, tmp_path: Path) -> Path:
+    """`unchanged_summer_map` for a test that may change it."""
+    return Path(shutil.copytree(unchanged_summer_map, tmp_path / "summer-map"))
+
+
+@pytest.fixture
+def three_map(unchanged_three_map: Path, tmp_path: Path) -> Path:
+    """`unchanged_three_map` for a test that may change it."""
+    return Path(shutil.copytree(unchanged_three_map, tmp_path / "three-map"))
+
+
 @pytest.fixture
 def run_study() -> Callable[..., None]:
     """Runs `python -m studies NAME --data DATA --out OUT` with further options, from the project's root."""

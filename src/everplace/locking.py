@@ -19,21 +19,22 @@ _WITHOUT_LOCKS = frozenset({errno.ENOLCK, errno.EOPNOTSUPP})
 
 
 @contextlib.contextmanager
-def locked(directory: Path) -> Iterator[None]:
+def locked(directory: Path, what: str = "`out` ") -> Iterator[None]:
     """Keeps other processes from writing into a directory, which is made if missing.
 
     The lock is the file `.lock` in it, which is removed at the end. The system lets go of it when the process ends,
     however it ends.
 
     Args:
-        directory: What `--out` names.
+        directory: What is written into.
+        what: What the message calls it.
 
     Raises:
         ConfigError: Another process writes into it.
         StorageError: The directory cannot be made or written to.
     """
     # Processes that a run started share the lock, and outlive it by some seconds where it was killed.
-    with _holding(directory / ".lock", _SECONDS_TO_LET_GO):
+    with _holding(directory / ".lock", _SECONDS_TO_LET_GO, what):
         yield
 
 
@@ -49,14 +50,14 @@ def waiting_turn(target: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _holding(path: Path, seconds: float) -> Iterator[None]:
+def _holding(path: Path, seconds: float, what: str = "") -> Iterator[None]:
     lock = FileLock(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         lock.acquire(seconds)
     except Timeout:
         raise ConfigError(
-            f"`out` {readable(path.parent)} is being written by another process; wait for it to end, or name another"
+            f"{what}{readable(path.parent)} is being written by another process; wait for it to end, or name another"
         ) from None
     except OSError as error:
         # Not every file system has locks; a run must not depend on them.

@@ -39,9 +39,13 @@ def localize(
             "--exclude",
             min=1,
             metavar="N",
-            help="Frames nearer than N in the drive of this name do not match.",
+            help="Frames nearer than N in one and the same drive of the map do not match.",
         ),
     ] = None,
+    name: Annotated[
+        str,
+        typer.Option("--name", metavar="NAME", help="The drive of the map that SOURCE is [its file or directory]."),
+    ] = "",
     file_format: Annotated[
         Literal["csv", "tum", "g2o", "hloc-pairs"], typer.Option("--format", help="Of --out.")
     ] = "csv",
@@ -56,19 +60,26 @@ def localize(
         raise ConfigError(f"--precision {precision} is no share between 0 and 1, such as 0.99")
     if out is not None:
         require_file(out)
+    from everplace.files import readable
     from everplace.mapping.answer_formats import LocatedFrame
     from everplace.mapping.frame_stream import open_stream
     from everplace.mapping.localizer import Localizer
 
     stream = open_stream(source)
     localizer = Localizer(map_, sequence=length)
+    name = name or stream.name
+    if exclude is not None and name not in localizer.map.drives:
+        raise ConfigError(
+            f"--exclude leaves out frames of a drive of the map, but the map holds no drive {readable(name)!r}; give "
+            f"one of {', '.join(map(readable, localizer.map.drives))} by --name"
+        )
     least = localizer.threshold(precision)
     kept: list[LocatedFrame] = []
     places: Counter[bool] = Counter()
     frames = show_progress()(stream.frames, f"localizing {stream.name}", stream.count)
     for number, frame in enumerate(frames):
         answer = localizer.locate(
-            frame.image, frame.seconds, excluded=None if exclude is None else (stream.name, number, exclude)
+            frame.image, frame.seconds, excluded=None if exclude is None else (name, number, exclude)
         )
         sure = answer.probability >= least
         places[sure] += 1

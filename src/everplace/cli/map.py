@@ -10,6 +10,7 @@ import typer
 from everplace.cli.options import Json
 from everplace.cli.output import show_progress, show_result, warn
 from everplace.errors import MapError
+from everplace.files import readable
 
 __all__ = ["app"]
 
@@ -83,7 +84,7 @@ def add(
     added = opened.add(
         drive, name=name, condition=condition, align=align, poses=poses, learn=not no_learn, progress=show_progress()
     )
-    if added.agreement is not None and added.how == "images" and align == "auto" and added.agreement > 0:
+    if added.agreement is not None and added.how == "images" and align == "auto":
         warn(
             f"the names of {added.name!r} agree with {added.agreement:.0%} of what its images show, so they were not "
             "believed; the images were"
@@ -159,3 +160,31 @@ def restore(
     opened = Map.open(map_)
     opened.restore(version)
     show_result(opened.info(), as_json)
+
+
+@app.command()
+def compare(
+    map_: MapArgument,
+    version: Annotated[int, typer.Argument(metavar="VERSION")],
+    drive: Annotated[str, typer.Argument(metavar="DRIVE", help="A drive of the map, images, a video or a bag.")],
+    *,
+    as_json: Json = False,
+) -> None:
+    """Tell whether the map of today answers a drive better than an earlier version did.
+
+    Example: everplace map compare my-map 1 winter.mp4
+    """
+    from dataclasses import asdict
+
+    from everplace.mapping.version_comparison import compare_versions
+
+    compared = compare_versions(map_, version, drive, show_progress())
+    if as_json:
+        show_result(asdict(compared), as_json=True)
+        return
+    print(f"{compared.drive}: {compared.frames} frames, the places of {compared.known} are known")
+    print("version  recall  probability  sure  drives")
+    for one in compared.versions:
+        recall = "     -" if one.recall is None else f"{one.recall:6.3f}"
+        drives = ", ".join(map(readable, one.drives)) + (", which this drive taught" if one.taught else "")
+        print(f"{one.version:>7}  {recall}  {one.probability:11.3f}  {one.sure:4.2f}  {drives}")

@@ -31,7 +31,7 @@ class LocatedFrame:
 def csv_text(located: Sequence[LocatedFrame]) -> str:
     """One row a frame, with the columns `COLUMNS`: also loop closures for any SLAM."""
     text = io.StringIO()
-    writer = csv.writer(text)
+    writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
     for one in located:
         answer = one.answer

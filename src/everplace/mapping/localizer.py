@@ -35,7 +35,7 @@ class MapAnswer:
         place: The best place.
         drive: The drive whose frame of that place is most like the query.
         database_frame: That frame's name; also where `off_map` is high.
-        score: Cosine between the two, in [-1, 1].
+        score: Cosine between the two, in [-1, 1]; -1 too where every frame of the map is left out.
         probability: That the frame shows the place, or a neighbour of it, in [0, 1].
         off_map: Probability that it shows no place of the map, in [0, 1].
         condition: Probability of each condition that the map knows.
@@ -155,9 +155,26 @@ class Localizer:
             ImageError: The array is no image.
         """
         pixels = convert_image(image, self._describer.image)
-        features = self._describer.describe_batch(pixels[None])
-        looks = how_it_looks(np.asarray(image))
-        vector = directions(project(features, self._projection))
+        features = self._describer.describe_batch(pixels[None])[0]
+        return self.locate_described(features, how_it_looks(np.asarray(image)), time, excluded=excluded)
+
+    def locate_described(
+        self,
+        features: NDArray[np.floating],
+        looks: NDArray[np.float32],
+        time: float | None = None,
+        *,
+        excluded: tuple[str, int, int] | None = None,
+    ) -> MapAnswer:
+        """Answers one frame by what `everplace.mapping.described_drive.describe_drive` says of it.
+
+        Args:
+            features: (F,) of the map's method.
+            looks: (S,) of `everplace.mapping.image_statistics.how_it_looks`.
+            time: Seconds; handed on.
+            excluded: As for `locate`.
+        """
+        vector = directions(project(features[None], self._projection))
         frames = vector @ self._vectors.T
         if excluded is not None:
             drive, number, distance = excluded
@@ -166,6 +183,7 @@ class Localizer:
         scores[np.isneginf(scores)] = np.nan
         self._seen.append(likelihood_ratios_of(scores[0], self._calibration))
         posterior, off = self._posterior(scores[0])
+        posterior = np.where(np.isnan(scores[0]), 0, posterior)  # though frames before lead there
         column = int(self._model.worth(posterior[None])[0].argmax())
         best = self._best_frame(frames[0], column)
         near = float(posterior[max(column - _REACH, 0) : column + _REACH + 1].sum())
@@ -174,7 +192,7 @@ class Localizer:
             place=int(self._order.places[column]),
             drive=str(self._drives[best]),
             database_frame=self._stems[best],
-            score=float(frames[0, best]),
+            score=max(float(frames[0, best]), -1.0),
             probability=min(max(near, 0.0), 1.0),
             off_map=min(max(off, 0.0), 1.0),
             condition=self._conditions.posterior(looks),

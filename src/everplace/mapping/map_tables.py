@@ -8,6 +8,7 @@ sees half of a change, whatever a writer does meanwhile or wherever it was kille
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 __all__ = ["FORMAT", "MapState", "MapTables"]
 
 FORMAT = 1
+_OWN_NAME = re.compile(r"^lance error: (LanceError\(\w+\): )?")
+_OWN_SOURCE = re.compile(r", \S+\.rs:[0-9:]+$")
 _FRAMES, _DESCRIPTORS, _STATES = "frames", "descriptors", "states"
 
 
@@ -60,15 +63,39 @@ class MapTables:
         Args:
             address: A directory, or what LanceDB takes, such as s3://bucket/map.
         """
+        self.address = address
+        self._connection: Any = None
+
+    @property
+    def _database(self) -> Any:
+        """The connection; made late, as it makes the directory."""
         import lancedb
 
-        self.address = address
-        self._database = lancedb.connect(address)
+        if self._connection is None:
+            self._connection = lancedb.connect(self.address)
+        return self._connection
+
+    @property
+    def local(self) -> Path | None:
+        """The directory; None at an object store."""
+        return None if "://" in self.address else Path(self.address)
 
     @property
     def exist(self) -> bool:
-        """Whether a map stands there."""
+        """Whether a map stands there, be it one whose creation was stopped."""
         return _STATES in self._names()
+
+    @property
+    def finished(self) -> bool:
+        """Whether the map there has a version: its creation was not stopped."""
+        return self.exist and self._open(_STATES).count_rows() > 0
+
+    @property
+    def others(self) -> list[str]:
+        """What lies in the directory and is of no map."""
+        ours = {f"{name}.lance" for name in (_FRAMES, _DESCRIPTORS, _STATES)} | {".lock"}
+        there = () if self.local is None or not self.local.is_dir() else self.local.iterdir()
+        return sorted(path.name for path in there if path.name not in ours)
 
     def create(self, features: int, dimensions: int) -> None:
         """Makes empty tables.
@@ -94,12 +121,17 @@ class MapTables:
                 ("frames_version", pa.int64()), ("descriptors_version", pa.int64()),
             ]
         )  # fmt: skip
-        for name in (_FRAMES, _DESCRIPTORS):  # of a creation that was killed
-            if name in self._names():
+        self.drop()  # of a creation that was killed
+        with _storing(self.address):
+            self._database.create_table(_FRAMES, schema=frames)
+            self._database.create_table(_DESCRIPTORS, schema=_descriptor_schema(dimensions))
+            self._database.create_table(_STATES, schema=states)
+
+    def drop(self) -> None:
+        """Removes the tables of a map that is not whole."""
+        for name in self._names():
+            if name in (_FRAMES, _DESCRIPTORS, _STATES):
                 self._database.drop_table(name)
-        self._database.create_table(_FRAMES, schema=frames)
-        self._database.create_table(_DESCRIPTORS, schema=_descriptor_schema(dimensions))
-        self._database.create_table(_STATES, schema=states)
 
     def states(self) -> list[MapState]:
         """All versions, oldest first.
@@ -114,14 +146,15 @@ class MapTables:
         for row in sorted(rows, key=lambda row: int(row["version"])):
             try:
                 document = json.loads(row["document"])
-                arrays = load(row["arrays"])
+                found_format = document.get("format")
+                arrays = load(row["arrays"]) if found_format == FORMAT else {}
             except Exception as error:
                 raise MapError(
                     f"the map {readable(self.address)} is damaged ({error}); restore it from a copy"
                 ) from None
-            if document.get("format") != FORMAT:
+            if found_format != FORMAT:
                 raise MapError(
-                    f"the map {readable(self.address)} has format {document.get('format')!r}, but this version of "
+                    f"the map {readable(self.address)} has format {found_format!r}, but this version of "
                     f"everplace reads format {FORMAT}; use the version that wrote it, or make the map anew"
                 )
             states.append(
@@ -238,34 +271,31 @@ class MapTables:
 
     def bytes(self) -> int | None:
         """What the map takes on disk; None at another address."""
-        root = Path(self.address)
-        if not root.is_dir():
+        if self.local is None:
             return None
-        return sum(path.stat().st_size for path in root.rglob("*") if path.is_file())
+        return sum(path.stat().st_size for path in self.local.rglob("*") if path.is_file())
 
     def _names(self) -> list[str]:
-        return list(self._database.table_names(limit=100))
+        if self.local is not None and not self.local.is_dir():
+            return []
+        return list(self._database.list_tables(limit=100).tables)
 
     def _open(self, name: str) -> Any:
+        if not self.exist:
+            raise MapError(f"there is no map at {readable(self.address)}; make one with `everplace map create`")
         try:
             return self._database.open_table(name)
-        except Exception as error:
-            if self.exist:
-                raise MapError(
-                    f"the map {readable(self.address)} is damaged: its table {name} cannot be opened; restore a copy"
-                ) from error
+        except Exception as error:  # LanceDB raises what its core gives
             raise MapError(
-                f"there is no map at {readable(self.address)}; make one with `everplace map create`"
-            ) from None
+                f"the map {readable(self.address)} is damaged: its table {name} cannot be opened; restore a copy"
+            ) from error
 
     def _read(self, table: Any, columns: list[str] | None) -> pa.Table:
         try:
             query = table.search()
             return (query.select(columns) if columns else query).limit(None).to_arrow()
         except Exception as error:  # LanceDB raises what its core gives
-            raise MapError(
-                f"the map {readable(self.address)} is damaged ({str(error).splitlines()[0][:200]}); restore a copy"
-            ) from None
+            raise MapError(f"the map {readable(self.address)} is damaged ({_reason(error)}); restore a copy") from None
 
 
 def as_matrix(column: pa.ChunkedArray) -> NDArray[Any]:
@@ -294,6 +324,12 @@ def _table(rows: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
     return pa.Table.from_arrays(columns, schema=schema)
 
 
+def _reason(error: Exception) -> str:
+    """Why LanceDB failed, without what its core says about itself."""
+    line = (str(error) or type(error).__name__).splitlines()[0]
+    return _OWN_SOURCE.sub("", _OWN_NAME.sub("", line))[:200]
+
+
 class _storing:  # noqa: N801
     """Turns what LanceDB raises while writing into one sentence."""
 
@@ -305,7 +341,6 @@ class _storing:  # noqa: N801
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         if isinstance(error, OSError | RuntimeError | ValueError):
-            reason = str(error).splitlines()[0][:200]
             raise StorageError(
-                f"cannot write the map {readable(self._address)}: {reason}; free space or check the permissions"
+                f"cannot write the map {readable(self._address)}: {_reason(error)}; free space or check the permissions"
             ) from error

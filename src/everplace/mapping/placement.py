@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -22,6 +23,10 @@ _NEAR = 1
 _RADIUS = 10.0
 _GAP = 3
 """Places a frame by which the matches around unsure frames may lie apart for these to count as lying between them."""
+_DETOUR = 10
+"""Unsure frames in a row from which they may be a detour, and have to show that they are not."""
+_CHANCE = 0.01
+"""Probability that frames of elsewhere are taken for frames of the road between."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +38,7 @@ class Placement:
         places: (M,) the place of each frame; -1: somewhere between the places of its neighbours, which is not sure.
         positions: (M,) where along the map, in the order of travel; NaN where the place is -1.
         sure: (M,) whether the frame's place is one that the map had.
-        between: (M,) column of the map's place that a frame of -1 is most likely next to; -1 elsewhere.
+        between: (M,) the map's place that a frame of -1 is most likely next to; -1 elsewhere.
         agreement: Share of the sure matches of the image search that the names agree with; None: nobody looked.
     """
 
@@ -86,10 +91,10 @@ def pairs_by_pose(poses: NDArray[np.float64], known: NDArray[np.float64]) -> Sur
 
 
 def agreement(named: SurePairs, seen: SurePairs) -> float | None:
-    """Share of the sure matches by images that names agree with, give or take a place; None without such matches."""
+    """Share of the sure matches by images that names agree with, give or take a place; None where there are none."""
     by_name = np.full(named.of, -(10**9), np.int64)
     by_name[named.frames] = named.places
-    if not len(seen.frames):
+    if not (len(seen.frames) and len(named.frames)):
         return None
     return float((np.abs(by_name[seen.frames] - seen.places) <= _NEAR).mean())
 
@@ -105,11 +110,13 @@ def placed(
     positions: NDArray[np.float64],
     how: str,
     agreed: float | None = None,
+    scores: NDArray[np.float32] | None = None,
 ) -> Placement:
     """Places all frames of a drive by those that are sure.
 
     A frame between two sure ones that lie near each other on the map is somewhere between them, and stays without a
-    place; others are new places, behind the last one of the map.
+    place; others are new places, behind the last one of the map. Where 10 or more in a row are not sure, they are
+    only taken to lie between if more of them than by chance look like that stretch: else they are a detour.
 
     Args:
         pairs: The sure frames, with columns of the map.
@@ -117,6 +124,7 @@ def placed(
         positions: (P,) where they lie along the map.
         how: What found the pairs.
         agreed: See `Placement.agreement`.
+        scores: M×P, how much each frame looks like each place; None: no frames are taken for a detour.
     """
     count = pairs.of
     columns = np.full(count, -1, np.int64)
@@ -124,20 +132,33 @@ def placed(
     sure = columns >= 0
     found, at, between = np.full(count, -1, np.int64), np.full(count, np.nan), np.full(count, -1, np.int64)
     found[sure], at[sure] = places[columns[sure]], positions[columns[sure]]
-    frames = np.flatnonzero(sure)
-    after = np.searchsorted(frames, np.arange(count))
-    fresh, last = int(places.max(initial=-1)) + 1, float(positions.max(initial=-1.0))
-    for frame in np.flatnonzero(~sure).tolist():
-        step = int(after[frame])
-        if 0 < step < len(frames):
-            first, second = int(frames[step - 1]), int(frames[step])
-            gap = int(columns[second] - columns[first])
-            if abs(gap) <= _GAP * (second - first):
-                between[frame] = columns[first] + round(gap * (frame - first) / (second - first))
-                continue
-        found[frame], at[frame] = fresh, last + 1
-        fresh, last = fresh + 1, last + 1
+    known = np.flatnonzero(sure)
+    for first, second in itertools.pairwise(known.tolist()):
+        gap = int(columns[second] - columns[first])
+        inside = np.arange(first + 1, second)
+        if len(inside) and abs(gap) <= _GAP * (second - first):
+            line = columns[first] + np.round(gap * (inside - first) / (second - first)).astype(np.int64)
+            if scores is None or len(inside) < _DETOUR or _shows(scores[inside], line):
+                between[inside] = places[line]
+    fresh = np.flatnonzero(~sure & (between < 0))
+    found[fresh] = int(places.max(initial=-1)) + 1 + np.arange(len(fresh))
+    at[fresh] = float(positions.max(initial=-1.0)) + 1 + np.arange(len(fresh))
     return Placement(how, found, at, sure, between, agreed)
+
+
+def _shows(scores: NDArray[np.float32], line: NDArray[np.int64]) -> bool:
+    """Whether more frames look most like their place on a line, give or take a few, than would by chance.
+
+    Args:
+        scores: K×P, frames against places.
+        line: (K,) columns.
+    """
+    from scipy.stats import binom
+
+    relative = scores - scores.mean(axis=0)  # places that all of the frames look like say nothing
+    right = int((np.abs(relative.argmax(axis=1) - line) <= _GAP).sum())
+    chance = min((2 * _GAP + 1) / scores.shape[1], 1.0)
+    return bool(binom.sf(right - 1, len(line), chance) <= _CHANCE)
 
 
 def _pairs(columns: NDArray[np.int64]) -> SurePairs:

@@ -120,17 +120,13 @@ class Map:
             progress: Told of the frames.
 
         Raises:
-            MapError: A map stands there.
+            MapError: A map or something else stands there, or the drive has fewer than 3 frames.
             RouteError: The drive holds no frame.
             ConfigError: The method gives words.
         """
         tables = _connected(address)
         with _writing(address):
-            if tables.exist and _has_states(tables):
-                raise MapError(
-                    f"a map stands at {readable(address)} already; add the drive with `everplace map add`, or name "
-                    "another place"
-                )
+            _require_free(tables)
             describer = reduced(open_describer(method or default_method(), progress=progress))
             require_standardisable(describer.method, describer.metric)
             drive_frames = open_drive(drive)
@@ -140,7 +136,6 @@ class Map:
                 raise MapError(f"the drive {name!r} has {len(described)} frames; a map needs 3 or more")
             described = _with_poses(described, poses)
             count = len(described)
-            tables.create(describer.dimension, dimensions)
             assert described.light is not None
             placement = Placement(
                 "first", np.arange(count), np.arange(count, dtype=float), np.zeros(count, np.bool_), np.full(count, -1)
@@ -154,9 +149,14 @@ class Map:
                 "settings": dict(describer.settings()), "features": describer.dimension, "dimensions": dimensions,
                 "drives": [entry],
             }  # fmt: skip
-            frames = tables.add_frames(_rows(name, described, placement))
             arrays = light_arrays(described.light)
-            state = _learnt(tables, MapState(0, "", document, arrays, frames), document, arrays, frames, progress)
+            try:
+                tables.create(describer.dimension, dimensions)
+                frames = tables.add_frames(_rows(name, described, placement))
+                state = _learnt(tables, MapState(0, "", document, arrays, frames), document, arrays, frames, progress)
+            except BaseException:
+                tables.drop()
+                raise
         found = cls(tables, state)
         found._describer = describer
         return found
@@ -235,6 +235,10 @@ class Map:
     def descriptors(self) -> NDArray[np.float32]:
         """N×D, in the order of `frames`."""
         return self._tables.descriptors(self._state)
+
+    def placement(self, described: DescribedDrive) -> Placement:
+        """Where the frames of a drive lie on the map, as adding it would say."""
+        return self._placed(described, "auto")
 
     def add(
         self,
@@ -394,11 +398,12 @@ class Map:
             if not len(named.frames):
                 raise MapError("`align` names: no frame of the drive has the name of one of the map; align by images")
             return placed(named, order.places, order.positions, "names")
-        seen = sure_pairs_of_scores(*self._scores(described, order, table["drive"].to_pylist()))
+        scores, vectors = self._scores(described, order, table["drive"].to_pylist())
+        seen = sure_pairs_of_scores(scores, vectors)
         share = agreement(named, seen)
         if align == "auto" and believed(share):
-            return placed(named, order.places, order.positions, "names", share)
-        return placed(seen, order.places, order.positions, "images", share)
+            return placed(named, order.places, order.positions, "names", share, scores)
+        return placed(seen, order.places, order.positions, "images", share, scores)
 
     def _scores(
         self, described: DescribedDrive, order: PlaceFrames, drives: list[str]
@@ -516,13 +521,17 @@ def _connected(address: str | os.PathLike[str]) -> MapTables:
     return MapTables(path)
 
 
-def _has_states(tables: MapTables) -> bool:
-    try:
-        return bool(tables.states())
-    except MapError as error:
-        if "is empty" in str(error):
-            return False
-        raise
+def _require_free(tables: MapTables) -> None:
+    if tables.finished:
+        raise MapError(
+            f"a map stands at {readable(tables.address)} already; add the drive with `everplace map add`, or name "
+            "another place"
+        )
+    if tables.others:
+        raise MapError(
+            f"{readable(tables.address)} holds {readable(tables.others[0])}, which is of no map; name an empty or a "
+            "new directory"
+        )
 
 
 @contextlib.contextmanager
@@ -531,6 +540,13 @@ def _writing(address: str | os.PathLike[str]) -> Iterator[None]:
     path = os.fspath(address)
     if "://" in path:
         yield
-    else:
-        with locked(Path(path)):
+        return
+    made = not Path(path).exists()
+    try:
+        with locked(Path(path), "the map "):
             yield
+    except BaseException:
+        if made:
+            with contextlib.suppress(OSError):
+                Path(path).rmdir()  # where no map came of it
+        raise

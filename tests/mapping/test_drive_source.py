@@ -1,0 +1,89 @@
+"""A drive is a directory, a video or a bag."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.importing.sources.test_bag import IMAGE, write_bag
+from tests.mapping.drives import images_of, write_video
+
+from everplace.errors import EverplaceError, RouteError
+from everplace.images.decoding import ImageSpec
+from everplace.importing.frame_pixels import decode_content
+from everplace.mapping.drive_source import open_drive
+from everplace.route.folder import open_traverse
+
+
+def test_a_directory_gives_its_images_by_their_stems(unchanged_rendered_route: Path) -> None:
+    drive = open_drive(unchanged_rendered_route / "summer")
+    frames = list(drive.frames)
+    assert (drive.name, drive.count, len(frames)) == ("summer", 60, 60)
+    assert [frame.stem for frame in frames[:2]] == ["00000", "00001"]
+
+
+def test_a_traverse_is_a_drive(unchanged_rendered_route: Path) -> None:
+    drive = open_drive(open_traverse(unchanged_rendered_route / "summer")[5:7])
+    assert [frame.stem for frame in drive.frames] == ["00005", "00006"]
+
+
+def test_poses_beside_the_images_are_read(tiny_route: Path) -> None:
+    rows = "".join(f"{n},{n},1,0\n" for n in range(12))
+    (tiny_route / "summer" / "poses.csv").write_text(f"stem,x,y,heading\n{rows}")
+    poses = [frame.pose for frame in open_drive(tiny_route / "summer").frames]
+    assert poses[3] == (3.0, 1.0, 0.0)
+
+
+def test_a_video_gives_its_frames_by_their_numbers(unchanged_rendered_route: Path, tmp_path: Path) -> None:
+    pytest.importorskip("av", reason="needs the extra video")
+    images = images_of(unchanged_rendered_route / "summer")[:7]
+    drive = open_drive(write_video(tmp_path / "way.to work.mp4", images))
+    frames = list(drive.frames)
+    assert drive.name == "way.to work"
+    assert [int(frame.stem) for frame in frames] == list(range(7))
+    assert [frame.seconds for frame in frames] == pytest.approx(np.arange(7) / 10)
+    pixels = decode_content(frames[3], ImageSpec())
+    assert np.abs(pixels.astype(int) - images[3]).mean() < 8
+
+
+@pytest.mark.parametrize("name", ["drive.bag", "drive", "mcap-drive"])
+def test_a_bag_gives_its_images(tmp_path: Path, name: str) -> None:
+    pytest.importorskip("rosbags", reason="needs the extra ros")
+    images = np.random.default_rng(0).integers(0, 256, (3, 4, 6, 3), dtype=np.uint8)
+    path = write_bag(tmp_path / name, [("/camera", IMAGE, 5.0 + n, ("rgb8", image)) for n, image in enumerate(images)])
+    drive = open_drive(path)
+    frames = list(drive.frames)
+    assert drive.name == name.removesuffix(".bag")
+    assert [int(frame.stem) for frame in frames] == [0, 1, 2]
+    assert np.diff([frame.seconds or 0.0 for frame in frames]).tolist() == [1, 1]
+    np.testing.assert_array_equal(decode_content(frames[2], ImageSpec()), images[2])
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ("missing", "missing"),
+        ("missing.mp4", "missing.mp4"),
+        ("text.txt", "is no directory of images, no video .* and no bag"),
+        ("picture.png", "is no directory of images"),
+        ("empty", "empty"),
+        ("broken.mp4", "broken.mp4"),
+        ("broken.bag", "broken.bag"),
+    ],
+)
+def test_what_is_no_drive_is_told_by_its_name(tiny_route: Path, tmp_path: Path, what: str, message: str) -> None:
+    (tmp_path / "empty").mkdir()
+    for name in ("text.txt", "broken.mp4", "broken.bag"):
+        (tmp_path / name).write_text("no frames\n")
+    shutil.copy(tiny_route / "summer" / "0.png", tmp_path / "picture.png")
+    with pytest.raises(EverplaceError, match=message) as caught:
+        list(open_drive(tmp_path / what).frames)
+    assert caught.value.exit_status == 2
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_route_is_not_taken_for_a_drive(tiny_route: Path) -> None:
+    with pytest.raises(RouteError):
+        open_drive(tiny_route)

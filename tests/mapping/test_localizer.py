@@ -1,0 +1,172 @@
+"""One frame in, one answer out."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from tests.mapping.drives import another_camera, images_of
+
+from everplace.errors import EverplaceError, MapError
+from everplace.mapping.localizer import Localizer, MapAnswer
+from everplace.mapping.route_map import Map
+from everplace.route.traverse import Pose
+
+
+def test_an_answer_is_whole(unchanged_three_map: Path, unchanged_rendered_route: Path) -> None:
+    answer = Localizer(unchanged_three_map, sequence=1).locate(images_of(unchanged_rendered_route / "winter")[33], 7.5)
+    assert isinstance(answer, MapAnswer)
+    assert (answer.place, answer.drive, answer.database_frame, answer.time) == (33, "winter", "00033", 7.5)
+    assert answer.score == pytest.approx(1, abs=1e-3)
+    assert 0 <= answer.off_map <= 1
+    assert 0.5 < answer.probability <= 1
+    assert answer.probability + answer.off_map <= 1 + 1e-6
+    assert set(answer.condition) == {"summer", "autumn", "winter"}
+    assert sum(answer.condition.values()) == pytest.approx(1)
+    assert max(answer.condition, key=lambda name: answer.condition[name]) == "winter"
+    assert isinstance(answer.pose, Pose)
+    assert not answer.provisional
+    written = json.loads(json.dumps(answer.to_dict(), allow_nan=False))
+    assert written["pose"] == list(answer.pose)
+
+
+def test_a_map_of_one_drive_answers_provisionally(unchanged_summer_map: Path, unchanged_rendered_route: Path) -> None:
+    localizer = Localizer(unchanged_summer_map)
+    answers = [localizer.locate(image) for image in images_of(unchanged_rendered_route / "autumn")[:20]]
+    assert localizer.provisional
+    assert all(answer.provisional for answer in answers)
+    assert np.mean([abs(answer.place - place) <= 1 for place, answer in enumerate(answers)]) >= 0.9
+
+
+@pytest.mark.parametrize("sequence", [1, 10])
+def test_probabilities_are_probabilities_also_of_what_is_no_place(unchanged_three_map: Path, sequence: int) -> None:
+    localizer = Localizer(unchanged_three_map, sequence=sequence)
+    rng = np.random.default_rng(0)
+    for shape in ((64, 128, 3), (1, 1), (200, 30, 3), (5, 300)):
+        for image in (np.zeros(shape, np.uint8), np.full(shape, 255, np.uint8), rng.integers(0, 256, shape, np.uint8)):
+            answer = localizer.locate(image)
+            assert all(0 <= number <= 1 for number in (answer.probability, answer.off_map, *answer.condition.values()))
+            json.dumps(answer.to_dict(), allow_nan=False)
+
+
+def test_frames_of_any_size_grey_or_in_colour(unchanged_three_map: Path, unchanged_rendered_route: Path) -> None:
+    image = images_of(unchanged_rendered_route / "autumn")[25]
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
+    larger = np.asarray(cv2.resize(image, (640, 480)), np.uint8)
+    for frame in (image, grey, grey[:, :, None], larger, another_camera(image)):
+        assert abs(Localizer(unchanged_three_map, sequence=1).locate(frame).place - 25) <= 1
+
+
+@pytest.mark.parametrize(
+    "image",
+    [np.zeros((4, 4), np.float32), np.zeros((4, 4, 4), np.uint8), np.zeros((0, 4), np.uint8), np.zeros(4, np.uint8)],
+)
+def test_what_is_no_image_is_refused_and_forgotten(
+    unchanged_three_map: Path, unchanged_rendered_route: Path, image: np.ndarray
+) -> None:
+    localizer = Localizer(unchanged_three_map)
+    with pytest.raises(EverplaceError):
+        localizer.locate(image)
+    assert len(localizer.state()) == 0
+
+
+def test_the_filter_helps_over_frames_alone(unchanged_summer_map: Path, unchanged_rendered_route: Path) -> None:
+    images = images_of(unchanged_rendered_route / "winter")
+    right = {}
+    for length in (1, 10):
+        localizer = Localizer(unchanged_summer_map, sequence=length)
+        answers = [localizer.locate(image) for image in images]
+        right[length] = np.mean([abs(answer.place - place) <= 1 for place, answer in enumerate(answers)])
+    assert right[10] >= right[1]
+    assert right[10] >= 0.8
+
+
+def test_frames_alone_know_nothing_of_those_before(unchanged_three_map: Path, unchanged_rendered_route: Path) -> None:
+    images = images_of(unchanged_rendered_route / "autumn")[10:14]
+    localizer = Localizer(unchanged_three_map, sequence=1)
+    together = [localizer.locate(image) for image in images]
+    assert together == [Localizer(unchanged_three_map, sequence=1).locate(image) for image in images]
+
+
+def test_a_drive_does_not_find_itself_where_it_is_left_out(
+    unchanged_three_map: Path, unchanged_rendered_route: Path
+) -> None:
+    image = images_of(unchanged_rendered_route / "winter")[33]
+    localizer = Localizer(unchanged_three_map, sequence=1)
+    left_out = localizer.locate(image, excluded=("winter", 33, 5))
+    assert left_out.drive in {"summer", "autumn"}
+    assert abs(left_out.place - 33) <= 1
+    assert localizer.locate(image, excluded=("winter", 43, 5)).database_frame == "00033"
+    assert localizer.locate(image, excluded=("autumn", 33, 5)).database_frame == "00033"
+
+
+def test_frames_left_out_of_a_map_of_one_drive(unchanged_summer_map: Path, unchanged_rendered_route: Path) -> None:
+    localizer = Localizer(unchanged_summer_map, sequence=1)
+    image = images_of(unchanged_rendered_route / "summer")[30]
+    answer = localizer.locate(image, excluded=("summer", 30, 10))
+    assert abs(answer.place - 30) >= 10
+    assert answer.off_map > localizer.locate(image).off_map
+    nothing = localizer.locate(image, excluded=("summer", 30, 1000))
+    assert nothing.off_map == pytest.approx(1, abs=1e-6)
+    json.dumps(nothing.to_dict(), allow_nan=False)
+
+
+def test_frames_left_out_are_no_answer_though_those_before_lead_there(
+    unchanged_summer_map: Path, unchanged_rendered_route: Path
+) -> None:
+    localizer = Localizer(unchanged_summer_map)
+    for number, image in enumerate(images_of(unchanged_rendered_route / "summer")[:40]):
+        answer = localizer.locate(image, excluded=("summer", number, 10) if number >= 20 else None)
+        assert number < 20 or abs(answer.place - number) >= 10
+
+
+OTHER = """
+import sys
+import numpy as np
+from tests.mapping.drives import images_of
+from pathlib import Path
+from everplace.mapping.localizer import Localizer
+
+localizer = Localizer(sys.argv[1])
+localizer.restore(np.load(sys.argv[3]))
+for image in images_of(Path(sys.argv[2]))[12:17]:
+    print(repr(localizer.locate(image)))
+"""
+
+
+def test_its_state_goes_on_in_another_process(
+    unchanged_three_map: Path, unchanged_rendered_route: Path, tmp_path: Path
+) -> None:
+    drive = unchanged_rendered_route / "winter"
+    images = images_of(drive)
+    localizer = Localizer(unchanged_three_map)
+    for image in images[:12]:
+        localizer.locate(image)
+    np.save(tmp_path / "state.npy", localizer.state())
+    wanted = [repr(localizer.locate(image)) for image in images[12:17]]
+    command = [sys.executable, "-c", OTHER, str(unchanged_three_map), str(drive), str(tmp_path / "state.npy")]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[2])
+    assert done.stderr == ""
+    assert done.stdout.splitlines() == wanted
+
+
+def test_a_state_of_another_map_is_refused(unchanged_three_map: Path, tmp_path: Path) -> None:
+    localizer = Localizer(unchanged_three_map)
+    for state in (np.ones((3, 7)), np.ones(60), np.ones((2, 60, 1))):
+        with pytest.raises(MapError, match="of another map, or of another version of it; begin anew"):
+            localizer.restore(state)
+
+
+def test_it_answers_from_the_version_it_opened(three_map: Path, unchanged_rendered_route: Path) -> None:
+    image = images_of(unchanged_rendered_route / "winter")[20]
+    localizer = Localizer(three_map, sequence=1)
+    before = localizer.locate(image)
+    Map.open(three_map).restore(1)
+    assert localizer.locate(image) == before
+    assert Localizer(three_map, sequence=1).locate(image).drive == "summer"
+    assert Localizer(Map.open(three_map, 3), sequence=1).locate(image) == before
