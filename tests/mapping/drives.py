@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 __all__ = ["another_camera", "image_files", "images_of", "write_drive", "write_video"]
 
@@ -20,7 +21,7 @@ def image_files(traverse: Path) -> list[Path]:
 
 def images_of(traverse: Path) -> list[NDArray[np.uint8]]:
     """H×W×3 RGB."""
-    return [np.asarray(cv2.imread(str(path))[:, :, ::-1], np.uint8) for path in image_files(traverse)]
+    return [np.asarray(Image.open(path).convert("RGB")) for path in image_files(traverse)]
 
 
 def write_drive(path: Path, images: Sequence[NDArray[np.uint8]], first: int = 0) -> Path:
@@ -53,7 +54,8 @@ def another_camera(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     height, width = image.shape[:2]
     cut = image[height // 20 : -(height // 20), width // 25 : -(width // 25)]
     larger = cv2.resize(cut, (320, 200), interpolation=cv2.INTER_LINEAR)
-    return np.clip(larger * 1.1 + 5, 0, 255).astype(np.uint8)
+    brighter: NDArray[np.uint8] = np.clip(larger * 1.1 + 5, 0, 255).astype(np.uint8)
+    return brighter
 
 
 def copied(drive: Path, to: Path, keep: slice) -> Path:

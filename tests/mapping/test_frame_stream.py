@@ -11,7 +11,6 @@ import pytest
 from tests.mapping.drives import images_of, write_drive, write_video
 
 from everplace.errors import RouteError
-from everplace.mapping import frame_stream
 from everplace.mapping.frame_stream import open_stream
 
 
@@ -59,7 +58,7 @@ def test_a_camera_counts_its_frames_and_tells_the_time(
     pytest.importorskip("av", reason="needs the extra video")
     images = images_of(unchanged_rendered_route / "summer")[:4]
     monkeypatch.setattr(Camera, "file", str(write_video(tmp_path / "drive.mp4", images)))
-    monkeypatch.setattr(frame_stream.cv2, "VideoCapture", Camera)
+    monkeypatch.setattr(cv2, "VideoCapture", Camera)
     frames = list(open_stream("/dev/video0").frames)
     assert [frame.stem for frame in frames] == ["000000", "000001", "000002", "000003"]
     assert np.abs(frames[2].image.astype(int) - images[2]).mean() < 8  # red is red

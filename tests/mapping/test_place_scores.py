@@ -42,5 +42,5 @@ def test_a_condition_that_covers_half_the_route_does_not_hide_the_other_half() -
 
 def test_directions_have_length_one_and_nothing_stays_nothing() -> None:
     found = directions(np.array([[3.0, 4.0], [0.0, 0.0], [1e-30, 0.0]], np.float32))
-    np.testing.assert_allclose(found, [[0.6, 0.8], [0, 0], [1, 0]], rtol=1e-6)
+    np.testing.assert_allclose(found, np.array([[0.6, 0.8], [0, 0], [1, 0]], np.float32), rtol=1e-6)
     assert found.dtype == np.float32

@@ -106,7 +106,7 @@ def test_numbers_of_videos_of_another_speed_are_not_believed(
     assert added.agreement is not None
     assert added.agreement < 0.5
     assert added.sure >= 0.6 * added.frames
-    true = np.array(speed([np.full((1, 1), index, np.uint8) for index in range(60)])).ravel()  # type: ignore[arg-type]
+    true = np.array(speed([np.full((1, 1), index, np.uint8) for index in range(60)])).ravel()
     table = m.frames("place", "sure")
     here = np.array(table["drive"].to_pylist()) == "second"
     sure, places = np.asarray(table["sure"])[here], np.asarray(table["place"])[here]
