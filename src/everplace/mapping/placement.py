@@ -25,8 +25,8 @@ _GAP = 3
 """Places a frame by which the matches around unsure frames may lie apart for these to count as lying between them."""
 _DETOUR = 10
 """Unsure frames in a row from which they may be a detour, and have to show that they are not."""
-_CHANCE = 0.01
-"""Probability that frames of elsewhere are taken for frames of the road between."""
+_CHANCE = 1e-3
+"""Probability that frames of elsewhere are taken for frames of the road between, if they were independent."""
 
 
 @dataclass(frozen=True, eq=False)
