@@ -13,6 +13,7 @@ the class's status.
     │   ├── ImageError              one image file that cannot be decoded
     │   ├── DescriptorsError        a descriptor file or array
     │   ├── CheckpointError         a run directory or a checkpoint
+    │   ├── MapError                a map that is missing, damaged, or does not hold what is asked of it
     │   └── MethodError             a method that does not exist or cannot run here
     │       └── MissingExtraError   an optional dependency is not installed
     ├── StoppedError                Ctrl-C, where there is more to say than that, exit status 130
