@@ -1,4 +1,4 @@
-"""Work in several threads: how many there may be, and results in order, ahead of their reader."""
+"""Work in several threads: how many there may be, how they wait, and results in order, ahead of their reader."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import TypeVar
 
-__all__ = ["map_ahead", "usable_cores"]
+__all__ = ["map_ahead", "one_torch_thread", "usable_cores", "wait_briefly"]
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -44,3 +45,33 @@ def usable_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def wait_briefly() -> None:
+    """Has the threads of GNU's OpenMP, with which torch computes, wait for each other 50 µs awake and then asleep.
+
+    By default they run on the spot for some 15 ms. Where another process wants the core, the thread that is waited for
+    does not get it meanwhile, and what takes half a millisecond alone takes hundreds. A thousand turns are what the
+    library itself takes where it knows that threads outnumber cores; it does not know of other processes. (None at
+    all, which is `OMP_WAIT_POLICY=passive`, is slower on quiet cores.)
+
+    To be called before torch is imported, which reads the setting once. What the user set stands.
+    """
+    if "OMP_WAIT_POLICY" not in os.environ:
+        os.environ.setdefault("GOMP_SPINCOUNT", "1000")
+
+
+@contextmanager
+def one_torch_thread() -> Iterator[None]:
+    """Has torch compute in the calling thread alone while it is open, for work too small to be shared out.
+
+    It costs less than a microsecond.
+    """
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from everplace.adaptation.oriented_gradients import OrientedGradients
 
@@ -130,3 +132,34 @@ def test_autocast_does_not_round() -> None:
 def test_colour_is_averaged() -> None:
     gradients, image = OrientedGradients(32, 64), picture(seed=6, channels=3)
     assert torch.allclose(gradients(image), gradients(image.mean(1, keepdim=True)), atol=1e-5)
+
+
+class Threads(TorchDispatchMode):  # type: ignore[no-untyped-call]
+    """Notes in how many threads torch computes."""
+
+    def __init__(self) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+        self.seen: set[int] = set()
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        self.seen.add(torch.get_num_threads())
+        return func(*args, **(kwargs or {}))
+
+
+@pytest.mark.parametrize("frames", [1, 8, 19])
+@pytest.mark.parametrize("size", [(224, 224), (32, 64), (96, 128)])
+def test_one_thread_computes_what_all_would_to_the_bit(frames: int, size: tuple[int, int]) -> None:
+    gradients = OrientedGradients(*size)
+    images = torch.rand(frames, 3, *size, generator=torch.Generator().manual_seed(1))
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        with torch.no_grad():
+            by_two = torch.cat([gradients._describe(block) for block in torch.split(images, 8)])
+        with Threads() as threads:
+            found = gradients(images)
+        assert threads.seen == {1}
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+    assert torch.equal(found, by_two)

@@ -154,6 +154,21 @@ main()
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "everplace: stopped\n")
 
 
+def test_torchs_threads_are_told_how_to_wait_before_it_is_imported() -> None:
+    script = """
+import atexit, os, sys
+atexit.register(lambda: print(os.environ.get("GOMP_SPINCOUNT"), "torch" in sys.modules))
+sys.argv = ["everplace", "--version"]
+from everplace.__main__ import main
+main()
+"""
+    environment = {
+        name: value for name, value in os.environ.items() if name not in ("GOMP_SPINCOUNT", "OMP_WAIT_POLICY")
+    }
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment)
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "1000 False")
+
+
 def test_a_terminal_without_utf8_gets_escapes() -> None:
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
     command = [sys.executable, "-m", "everplace", "data", "inspect", "é"]

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from everplace.threads import one_torch_thread
+
 __all__ = ["OrientedGradients", "gradient_features"]
 
 SHORT_SIDE = 64
@@ -68,7 +70,9 @@ class OrientedGradients(nn.Module):
         with torch.autocast(images.device.type, enabled=False):
             if images.device.type != "cpu" or torch.compiler.is_exporting():
                 return self._describe(images)
-            return torch.cat([self._describe(block) for block in torch.split(images, _BLOCK)])
+            # A block is done in less time than threads take to wait for each other where they share a core.
+            with one_torch_thread():
+                return torch.cat([self._describe(block) for block in torch.split(images, _BLOCK)])
 
     def _describe(self, images: Tensor) -> Tensor:
         grey = self.rows @ images.float().mean(1) @ self.columns.T

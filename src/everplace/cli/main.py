@@ -27,6 +27,7 @@ from everplace.cli.option_names import naming_options, with_options
 from everplace.cli.registering import register
 from everplace.cli.train import train
 from everplace.errors import EverplaceError
+from everplace.threads import wait_briefly
 from everplace.warning_source import file_of_warning
 
 __all__ = ["app", "main", "run"]
@@ -72,6 +73,7 @@ app.add_typer(map.app, name="map")
 def main() -> None:
     """Runs the command and exits with its status: 0, 1 machine, 2 usage or input, 130 Ctrl-C."""
     warnings.showwarning = _show_warning
+    wait_briefly()
     for stream in (sys.stdout, sys.stderr):  # a terminal without UTF-8 gets escapes for what it cannot show
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
