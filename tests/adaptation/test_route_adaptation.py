@@ -13,6 +13,7 @@ from everplace.adaptation.route_adaptation import (
     PRIOR_WEIGHT,
     adapted_projection,
     fitting_prior_weight,
+    taught_projection,
     within_places,
 )
 
@@ -137,3 +138,15 @@ def test_a_prior_that_fits_is_believed_and_one_that_does_not_is_not() -> None:
 def test_of_few_pairs_a_prior_is_believed() -> None:
     deviations = np.linspace(2, 0.2, F)
     assert weight_of(np.diag(np.square(deviations[::-1])), drawn(4, 47, deviations)) == PRIOR_WEIGHT
+
+
+def test_what_the_pairs_of_a_map_teach_is_what_they_teach_as_part_of_the_statistics() -> None:
+    weights = np.ones(len(PAIRS))
+    taught, prior_weight = taught_projection(route(pairs=False), PAIRS, weights, 4, None)
+    assert prior_weight == 0
+    np.testing.assert_array_equal(taught.weight, adapted_projection(route(), 4).weight)
+    assert not np.allclose(taught.weight, adapted_projection(route(pairs=False), 4).weight)
+    prior = prior_of(np.diag(np.linspace(2, 1, F)))
+    with_prior, prior_weight = taught_projection(route(pairs=False), PAIRS, weights, 4, prior)
+    assert prior_weight == fitting_prior_weight(route(pairs=False), PAIRS, weights, prior) > 0
+    np.testing.assert_array_equal(with_prior.weight, adapted_projection(route(), 4, prior, prior_weight).weight)

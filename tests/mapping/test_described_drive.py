@@ -8,11 +8,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 from tests.mapping.drives import another_camera, images_of, write_drive
 
+from everplace.describe.describer import Describer
+from everplace.describe.files.descriptors import Settings
 from everplace.describe.registry import open_describer
-from everplace.errors import ImageError, RouteError
+from everplace.errors import DescriptorsError, ImageError, RouteError
+from everplace.images.decoding import ImageSpec
 from everplace.mapping.described_drive import describe_drive, thumbnail
 from everplace.mapping.drive_source import DriveFrames, open_drive
 from everplace.route.folder import open_traverse
@@ -65,3 +69,19 @@ def test_a_broken_frame_is_named(tiny_route: Path) -> None:
     (tiny_route / "summer" / "5.png").write_bytes(b"no picture")
     with pytest.raises(ImageError, match="5.png"):
         describe_drive(open_drive(tiny_route / "summer"), open_describer("hog16"), in_other_light=False)
+
+
+@pytest.mark.parametrize("number", [7e4, np.inf, np.nan])
+def test_numbers_that_16_bits_do_not_hold_are_refused(unchanged_rendered_route: Path, number: float) -> None:
+    class Loud(Describer):
+        method, image, dimension = "loud", ImageSpec((8, 8), grey=True), 2
+
+        def settings(self) -> Settings:
+            return {}
+
+        def describe_batch(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+            return np.full((len(images), 2), number, np.float32)
+
+    drive = open_drive(open_traverse(unchanged_rendered_route / "summer")[:3])
+    with pytest.raises(DescriptorsError, match="loud gives numbers .* of summer"):
+        describe_drive(drive, Loud(), in_other_light=False)

@@ -87,3 +87,11 @@ def test_what_is_no_drive_is_told_by_its_name(tiny_route: Path, tmp_path: Path, 
 def test_a_route_is_not_taken_for_a_drive(tiny_route: Path) -> None:
     with pytest.raises(RouteError):
         open_drive(tiny_route)
+
+
+def test_what_a_recording_has_to_tell_is_told(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="needs the extra ros")
+    dim = np.random.default_rng(0).integers(8000, 8900, (3, 4, 6, 1), dtype=np.uint16)
+    path = write_bag(tmp_path / "dim.bag", [("/camera", IMAGE, 5.0 + n, ("mono16", one)) for n, one in enumerate(dim)])
+    with pytest.warns(UserWarning, match="range=8"):
+        assert len([decode_content(frame, ImageSpec()) for frame in open_drive(path).frames]) == 3

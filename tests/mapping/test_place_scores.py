@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from everplace.mapping.place_scores import PlaceFrames, directions
+from everplace.mapping.place_scores import PlaceFrames
 
 
 def test_places_lie_in_the_order_of_travel_and_their_frames_in_that_of_the_drives() -> None:
@@ -38,9 +38,3 @@ def test_a_condition_that_covers_half_the_route_does_not_hide_the_other_half() -
     fused, before = whole.fuse(scores[:, whole.rows]), half.fuse(scores[:, half.rows])
     assert (fused >= before).all()
     np.testing.assert_array_equal(fused[:, 10:], before[:, 10:])
-
-
-def test_directions_have_length_one_and_nothing_stays_nothing() -> None:
-    found = directions(np.array([[3.0, 4.0], [0.0, 0.0], [1e-30, 0.0]], np.float32))
-    np.testing.assert_allclose(found, np.array([[0.6, 0.8], [0, 0], [1, 0]], np.float32), rtol=1e-6)
-    assert found.dtype == np.float32

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from everplace.describe.files.descriptors import Descriptors, Metric
 from everplace.errors import ConfigError, DescriptorsError
 from everplace.match import similarity as module
-from everplace.match.similarity import similarity, similarity_blocks, top_k
+from everplace.match.similarity import directions, similarity, similarity_blocks, top_k
 
 METRICS: tuple[Metric, ...] = ("cosine", "mean-absolute-difference")
 
@@ -148,3 +148,9 @@ def test_blocks_of_no_queries_are_refused(block: int) -> None:
     some = random_descriptors(3, "cosine", 0)
     with pytest.raises(ConfigError, match=f"blocks of {block} queries"):
         next(similarity_blocks(some, some, block))
+
+
+def test_directions_have_length_one_and_nothing_stays_nothing() -> None:
+    found = directions(np.array([[3.0, 4.0], [0.0, 0.0], [1e-30, 0.0]], np.float32))
+    np.testing.assert_allclose(found, np.array([[0.6, 0.8], [0, 0], [1, 0]], np.float32), rtol=1e-6)
+    assert found.dtype == np.float32

@@ -43,6 +43,11 @@ class Projection:
         weight = directions / np.sqrt(max(float(variance.mean()), np.finfo(np.float64).tiny))
         return cls(weight, -weight @ mean)
 
+    def apply(self, features: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Maps N×F features to N×D, in single precision."""
+        weight, bias = self.weight.astype(np.float32), self.bias.astype(np.float32)
+        return features.astype(np.float32, copy=False) @ weight.T + bias
+
 
 def leading_directions(
     between: NDArray[np.float64], within: NDArray[np.float64], dimensions: int

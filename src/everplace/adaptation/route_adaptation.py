@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from everplace.adaptation.discriminant import Projection, add_ridge, leading_directions
 from everplace.adaptation.drive_statistics import DriveStatistics
+from everplace.adaptation.moments import Moments
 from everplace.adaptation.prior import Prior
 
-__all__ = ["PRIOR_WEIGHT", "adapted_projection", "fitting_prior_weight", "within_places"]
+__all__ = ["PRIOR_WEIGHT", "adapted_projection", "fitting_prior_weight", "taught_projection", "within_places"]
 
 PRIOR_WEIGHT = 200.0
 """Pairs that the prior counts as, unless the route's own pairs tell that it does not fit."""
@@ -62,6 +63,31 @@ def adapted_projection(
     add_ridge(within, _RIDGE * (1 + _RIDGE_PLACES / places.weight))
     directions = leading_directions(places.covariance(), within, dimensions)
     return Projection.standardised(directions, places.mean, places.second_moment())
+
+
+def taught_projection(
+    statistics: DriveStatistics,
+    changes: NDArray[np.float32],
+    weights: NDArray[np.float64],
+    dimensions: int,
+    prior: Prior | None,
+) -> tuple[Projection, float]:
+    """The projection that a map and pairs of its places teach, with the prior weighed by how well it fits the pairs.
+
+    Args:
+        statistics: Of the map, without the pairs.
+        changes: K×F of `half_differences`, in the order of travel; K may be 0.
+        weights: (K,).
+        dimensions: D; lowered to the number of places less one.
+        prior: Scatter within places on other routes.
+
+    Returns:
+        The projection, and the pairs that the prior counted as; 0 without one.
+    """
+    prior_weight = 0.0 if prior is None else fitting_prior_weight(statistics, changes, weights, prior)
+    none = Moments.none(changes.shape[1])
+    taught = statistics + DriveStatistics(none, none, Moments.of(changes, weights))
+    return adapted_projection(taught, dimensions, prior, prior_weight), prior_weight
 
 
 def fitting_prior_weight(

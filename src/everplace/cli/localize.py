@@ -88,7 +88,7 @@ def localize(
             if precision is not None:
                 line["accepted"] = sure
             print(json.dumps(line), flush=True)
-        if sure:
+        if sure and (out is not None or not json_lines):  # a camera never ends
             kept.append(LocatedFrame(frame.stem, answer))
     if localizer.provisional:
         warn(

@@ -15,7 +15,7 @@ from everplace.images.decoding import ImageSpec, convert_image
 from everplace.images.sixteen_bits import SixteenBits
 from everplace.importing.containers.ros_bag import BAG_ENDINGS, METADATA
 from everplace.importing.containers.video_frames import VIDEO_ENDINGS
-from everplace.importing.foreign_route import ForeignTraverse
+from everplace.importing.foreign_route import ForeignFrame, ForeignTraverse
 from everplace.importing.frame_pixels import decode_content
 from everplace.importing.kinds import open_kind, read_options
 from everplace.importing.route_writer import unreadable
@@ -51,14 +51,23 @@ class RecordedFrames:
             RouteError: The recording is damaged.
             ImageError: An image of it cannot be decoded.
         """
+        for frame in self.frames():
+            names.append(frame.stem)
+            # An array as the same image in a file would be, so that importing first changes no number.
+            content = frame.content
+            yield convert_image(content, spec) if isinstance(content, np.ndarray) else decode_content(frame, spec)
+
+    def frames(self) -> Iterator[ForeignFrame]:
+        """Yields the frames; once the last is read, `notes` is whole.
+
+        Raises:
+            RouteError: The recording is damaged.
+        """
         scale: SixteenBits | None = None
         try:
             for frame in self.drive.frames:
-                names.append(frame.stem)
                 scale = frame.scale
-                # An array as the same image in a file would be, so that importing first changes no number.
-                content = frame.content
-                yield convert_image(content, spec) if isinstance(content, np.ndarray) else decode_content(frame, spec)
+                yield frame
         except OSError as error:
             raise unreadable(error, self.path) from error
         if scale is not None:

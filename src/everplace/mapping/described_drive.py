@@ -14,7 +14,8 @@ from everplace.adaptation.drive_statistics import half_differences
 from everplace.adaptation.moments import Moments
 from everplace.adaptation.other_light import CHANGES, changed
 from everplace.describe.describer import Describer
-from everplace.errors import RouteError
+from everplace.errors import DescriptorsError, RouteError
+from everplace.files import readable
 from everplace.images.decoding import ImageSpec, convert_image
 from everplace.importing.foreign_route import ForeignFrame
 from everplace.importing.frame_pixels import decode_content
@@ -24,7 +25,8 @@ from everplace.progress import Progress, quiet
 
 __all__ = ["DescribedDrive", "describe_drive", "how_it_looks", "light_moments", "thumbnail"]
 
-_LIGHT_FRAMES = 512
+_LIGHT_FRAMES = 1024
+"""From so many frames on only every second one is looked at in other light, then every fourth, and so on."""
 _THUMBNAIL = 160
 _QUALITY = 80
 _COLOUR = ImageSpec()
@@ -42,7 +44,7 @@ class DescribedDrive:
         poses: N×3 (x, y in metres, heading in radians), NaN where unknown.
         seconds: (N,) when each was taken, NaN where unknown.
         thumbnails: JPEG files.
-        light: What other light changes in the features, of at most 512 frames; None: not looked at.
+        light: What other light changes in the features, of at most 1,023 frames; None: not looked at.
     """
 
     stems: tuple[str, ...]
@@ -72,6 +74,7 @@ def describe_drive(
     Raises:
         RouteError: There is no frame.
         ImageError: A frame cannot be decoded.
+        DescriptorsError: The method gives a number that 16 bits do not hold.
     """
     stems, poses, seconds, thumbnails = [], [], [], []
     features: list[NDArray[np.float16]] = []
@@ -88,7 +91,14 @@ def describe_drive(
             poses.append(frame.pose or (np.nan,) * 3)
             seconds.append(np.nan if frame.seconds is None else frame.seconds)
         described = describer.describe_batch(np.stack(images))
-        features.append(described.astype(np.float16))
+        with np.errstate(over="ignore"):  # which is looked for
+            halves = described.astype(np.float16)
+        if not np.isfinite(halves).all():
+            raise DescriptorsError(
+                f"{describer.method} gives numbers that are not finite, or beyond 65,504, of {readable(drive.name)}; a "
+                "map keeps them in 16 bits: choose another method"
+            )
+        features.append(halves)
         if in_other_light:
             kept.extend(images)
     if not stems:
@@ -121,18 +131,18 @@ def thumbnail(image: NDArray[np.uint8]) -> bytes:
 
 
 class _Thinned:
-    """At most twice as many items as wanted, evenly spread over a stream of unknown length."""
+    """Fewer items than some number, evenly spread over a stream of unknown length."""
 
-    def __init__(self, wanted: int) -> None:
+    def __init__(self, fewer_than: int) -> None:
         self.items: list[NDArray[np.uint8]] = []
-        self._wanted, self._stride, self._seen = wanted, 1, 0
+        self._fewer_than, self._stride, self._seen = fewer_than, 1, 0
 
     def extend(self, images: list[NDArray[np.uint8]]) -> None:
         for image in images:
             if self._seen % self._stride == 0:
                 self.items.append(image)
             self._seen += 1
-            if len(self.items) == 2 * self._wanted:
+            if len(self.items) == self._fewer_than:
                 self.items = self.items[::2]
                 self._stride *= 2
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from everplace.describe.recorded_frames import is_recording, open_recording
+from everplace.describe.recorded_frames import RecordedFrames, is_recording, open_recording
 from everplace.errors import RouteError
 from everplace.files import readable
 from everplace.importing.containers.video_frames import VIDEO_ENDINGS
@@ -48,8 +49,8 @@ def open_drive(source: Traverse | str | os.PathLike[str]) -> DriveFrames:
         return DriveFrames(source.name, _traverse_frames(source), len(source))
     path = Path(source)
     if is_recording(path):
-        drive = open_recording(path).drive
-        return DriveFrames(drive.name, drive.frames, drive.count)
+        recording = open_recording(path)
+        return DriveFrames(recording.drive.name, _recorded_frames(recording), recording.drive.count)
     if path.is_file():
         raise RouteError(
             f"{readable(path)} is no directory of images, no video ({', '.join(sorted(VIDEO_ENDINGS))}) and no bag; "
@@ -60,6 +61,13 @@ def open_drive(source: Traverse | str | os.PathLike[str]) -> DriveFrames:
     if poses.is_file():
         traverse = replace(traverse, poses=read_poses(poses, traverse.stems))
     return DriveFrames(traverse.name, _traverse_frames(traverse), len(traverse))
+
+
+def _recorded_frames(recording: RecordedFrames) -> Iterator[ForeignFrame]:
+    """Yields the frames, and in the end warns of what the recording has to tell."""
+    yield from recording.frames()
+    for note in recording.notes:
+        warnings.warn(note, stacklevel=2)
 
 
 def _traverse_frames(traverse: Traverse) -> Iterator[ForeignFrame]:

@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from everplace.describe.runs.adapted import AdaptedDescriber
 from everplace.errors import MapError
 from everplace.images.decoding import convert_image
 from everplace.mapping.calibration import likelihood_ratios_of, place_posterior
 from everplace.mapping.described_drive import how_it_looks
 from everplace.mapping.frame_window import MAP_MODEL, SEQUENCE, window_posterior
-from everplace.mapping.map_learning import project
-from everplace.mapping.place_scores import PlaceFrames, directions
+from everplace.mapping.place_scores import PlaceFrames
 from everplace.mapping.reliability import threshold_for
 from everplace.mapping.route_map import Map
+from everplace.match.similarity import directions
 from everplace.route.traverse import Pose
 from everplace.sequences.route_model import RouteModel
 
@@ -89,8 +90,7 @@ class Localizer:
         self._stems = [stems[row] for row in rows.tolist()]
         self._drives = drives[rows]
         self._poses = np.stack([np.asarray(table[name]) for name in ("x", "y", "heading")], axis=1)[rows]
-        self._describer = opened.describer()
-        self._projection = opened.projection
+        self._adapted = AdaptedDescriber(opened.describer(), opened.projection, {})
         self._calibration = opened.calibration
         self._conditions = opened.condition_model
         self._model = MAP_MODEL if model is None else model
@@ -154,8 +154,8 @@ class Localizer:
         Raises:
             ImageError: The array is no image.
         """
-        pixels = convert_image(image, self._describer.image)
-        features = self._describer.describe_batch(pixels[None])[0]
+        base = self._adapted.base
+        features = base.describe_batch(convert_image(image, base.image)[None])[0]
         return self.locate_described(features, how_it_looks(np.asarray(image)), time, excluded=excluded)
 
     def locate_described(
@@ -174,7 +174,7 @@ class Localizer:
             time: Seconds; handed on.
             excluded: As for `locate`.
         """
-        vector = directions(project(features[None], self._projection))
+        vector = directions(self._adapted.project(features[None].astype(np.float32, copy=False)))
         frames = vector @ self._vectors.T
         if excluded is not None:
             drive, number, distance = excluded

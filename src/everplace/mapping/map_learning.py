@@ -15,12 +15,14 @@ from everplace.adaptation.drive_statistics import DriveStatistics, half_differen
 from everplace.adaptation.moments import Moments
 from everplace.adaptation.place_weights import pair_weights, place_weights
 from everplace.adaptation.prior import Prior
-from everplace.adaptation.route_adaptation import PRIOR_WEIGHT, adapted_projection, fitting_prior_weight
+from everplace.adaptation.route_adaptation import taught_projection
 from everplace.mapping.calibration import PROVISIONAL, Calibration, fit_calibration, likelihood_ratios_of
 from everplace.mapping.frame_window import MAP_MODEL, SEQUENCE, window_posterior
-from everplace.mapping.place_scores import PlaceFrames, directions
+from everplace.mapping.place_scores import PlaceFrames
+from everplace.match.similarity import directions
+from everplace.route.selection import spread
 
-__all__ = ["Learnt", "MapFrames", "learn", "light_arrays", "light_of", "project"]
+__all__ = ["Learnt", "MapFrames", "learn", "light_arrays", "light_of"]
 
 _STRETCH = 24
 _FEWEST = 100
@@ -110,27 +112,14 @@ def learn(frames: MapFrames, light: Moments, dimensions: int, prior: Prior | Non
     base = DriveStatistics(Moments.of(there, weights), light, Moments.none(there.shape[1]))
 
     def solved(some: _Pairs) -> tuple[Projection, float]:
-        statistics = base
-        weight = PRIOR_WEIGHT
-        if len(some.rows):
-            none = Moments.none(there.shape[1])
-            statistics = base + DriveStatistics(none, none, Moments.of(some.changes, some.weights))
-            if prior is not None:
-                weight = fitting_prior_weight(statistics, some.changes, some.weights, prior)
-        return adapted_projection(statistics, dimensions, prior, weight), weight
+        return taught_projection(base, some.changes, some.weights, dimensions, prior)
 
     projection, weight = solved(pairs)
-    known = {"pairs": float(len(pairs.rows)), "prior_weight": weight if prior is not None else 0.0}
+    known = {"pairs": float(len(pairs.rows)), "prior_weight": weight}
     if len(pairs.rows) < _FEWEST:
         return Learnt(projection, PROVISIONAL, np.empty(0, np.float32), np.empty(0, np.bool_), known)
     held_out = calibrate(frames, order, pairs, lambda kept: solved(pairs.take(kept))[0])
     return Learnt(projection, *held_out, known)
-
-
-def project(features: NDArray[np.floating], projection: Projection) -> NDArray[np.float32]:
-    """N×F to N×D."""
-    weight, bias = projection.weight.astype(np.float32), projection.bias.astype(np.float32)
-    return features.astype(np.float32) @ weight.T + bias
 
 
 def calibrate(
@@ -157,14 +146,13 @@ def calibrate(
     queries = queries[[bool(frames.learns[drive]) for drive in frames.drives[queries]]]
     true = np.array([column.get(_place(frames, row), -1) for row in queries.tolist()], np.int64)
     queries, true = queries[true >= 0], true[true >= 0]
-    if len(queries) > _MOST:
-        kept = np.unique(np.linspace(0, len(queries) - 1, _MOST).round().astype(np.int64))
-        queries, true = queries[kept], true[kept]
+    kept = _whole_stretches(len(queries))
+    queries, true = queries[kept], true[kept]
     half = (np.arange(len(frames.places)) // _STRETCH) % 2  # of rows, so that a pair and its query agree
     scores = np.empty((len(queries), len(order)), np.float32)
     for held in (0, 1):
         projection = solve(half[pairs.rows] != held)
-        vectors = directions(project(frames.features, projection))
+        vectors = directions(projection.apply(frames.features))
         mine = half[queries] == held
         found = vectors[queries[mine]] @ vectors[order.rows].T
         own = frames.drives[queries[mine]][:, None] == frames.drives[order.rows][None]
@@ -173,21 +161,39 @@ def calibrate(
     scores[~np.isfinite(scores)] = np.nan  # a place of the query's own drive alone
     seen = ~np.isnan(scores[np.arange(len(queries)), true])
     found = fit_calibration(scores[seen], true[seen], _REACH)
-    return found, *_sequence_answers(scores[seen], true[seen], frames.drives[queries[seen]], found)
+    rows = queries[seen]
+    apart = (np.diff(rows, prepend=rows[:1]) > _STRETCH) | (
+        np.diff(frames.drives[rows], prepend=frames.drives[rows[:1]]) != 0
+    )
+    return found, *_sequence_answers(scores[seen], true[seen], apart, found)
+
+
+def _whole_stretches(count: int) -> NDArray[np.int64]:
+    """Positions among so many queries: all, or some 2,000 in stretches of 24 that stay as they are."""
+    stretches = -(-count // _STRETCH)
+    chosen = np.array(spread(stretches, _MOST // _STRETCH), np.int64)
+    positions = (chosen[:, None] * _STRETCH + np.arange(_STRETCH)).ravel()
+    return positions[positions < count]
 
 
 def _sequence_answers(
-    scores: NDArray[np.float32], true: NDArray[np.int64], drives: NDArray[np.int64], calibration: Calibration
+    scores: NDArray[np.float32], true: NDArray[np.int64], apart: NDArray[np.bool_], calibration: Calibration
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Probability of the best match of every query from the last 10, and whether it is right.
 
     Every eighth stretch is off the map: what is found there is wrong.
+
+    Args:
+        scores: M×P.
+        true: (M,) columns.
+        apart: (M,) whether a frame does not follow the one before it.
+        calibration: How the scores are read.
     """
     probability, right = np.empty(len(scores), np.float32), np.empty(len(scores), np.bool_)
     window: deque[NDArray[np.float64]] = deque(maxlen=SEQUENCE)
     for query, scored in enumerate(scores):
         row = scored.copy()
-        if query and drives[query] != drives[query - 1]:
+        if apart[query]:
             window.clear()
         stretch = query // _STRETCH
         if stretch % _OFF_EVERY == _OFF_EVERY // 2:  # the places of this stretch are hidden, as on a detour

@@ -7,9 +7,10 @@ sees half of a change, whatever a writer does meanwhile or wherever it was kille
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
@@ -330,17 +331,12 @@ def _reason(error: Exception) -> str:
     return _OWN_SOURCE.sub("", _OWN_NAME.sub("", line))[:200]
 
 
-class _storing:  # noqa: N801
+@contextlib.contextmanager
+def _storing(address: str) -> Iterator[None]:
     """Turns what LanceDB raises while writing into one sentence."""
-
-    def __init__(self, address: str) -> None:
-        self._address = address
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, OSError | RuntimeError | ValueError):
-            raise StorageError(
-                f"cannot write the map {readable(self._address)}: {_reason(error)}; free space or check the permissions"
-            ) from error
+    try:
+        yield
+    except (OSError, RuntimeError, ValueError) as error:
+        raise StorageError(
+            f"cannot write the map {readable(address)}: {_reason(error)}; free space or check the permissions"
+        ) from error

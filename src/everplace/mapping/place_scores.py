@@ -5,19 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PlaceFrames", "directions"]
-
-
-def directions(values: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Rows of length 1; a zero row stays zero.
-
-    Args:
-        values: N×D.
-    """
-    wide = np.asarray(values, np.float64)
-    length = np.linalg.norm(wide, axis=1, keepdims=True)
-    divided: NDArray[np.float32] = np.divide(wide, length, out=np.zeros_like(wide), where=length > 0).astype(np.float32)
-    return divided
+__all__ = ["PlaceFrames"]
 
 
 class PlaceFrames:

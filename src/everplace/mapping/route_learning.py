@@ -16,7 +16,7 @@ from everplace.adaptation.drive_statistics import DriveStatistics, half_differen
 from everplace.adaptation.moments import Moments
 from everplace.adaptation.place_weights import pair_weights, place_weights
 from everplace.adaptation.prior import Prior, load_prior, require_fitting, shipped_prior, write_prior
-from everplace.adaptation.route_adaptation import PRIOR_WEIGHT, adapted_projection, fitting_prior_weight, within_places
+from everplace.adaptation.route_adaptation import taught_projection, within_places
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Descriptors
 from everplace.describe.reduced import ReducedDescriber, reduced
@@ -26,6 +26,7 @@ from everplace.errors import ConfigError, RouteError
 from everplace.files import readable, require_free_directory, whole_directory
 from everplace.images.decoding import decode_images
 from everplace.mapping.described_drive import light_moments as moments_of_images
+from everplace.mapping.placement import pairs_by_name
 from everplace.mapping.self_teaching import SurePairs, sure_pairs
 from everplace.match.standardise import require_standardisable
 from everplace.progress import Progress, quiet, shown
@@ -62,18 +63,14 @@ class Adaptation:
 
     Attributes:
         describer: The result, ready to describe.
-        map_drive: The traverse that is the map.
         drives: What the other drives taught.
-        dimensions_asked: D as it was asked for; the describer may have fewer.
         prior: Where the prior came from: "none", "shipped" or a file.
         prior_weight: Pairs that the prior counts as.
         settings: What is written beside the numbers.
     """
 
     describer: AdaptedDescriber
-    map_drive: Traverse
     drives: tuple[TaughtDrive, ...]
-    dimensions_asked: int
     prior: str
     prior_weight: float
     settings: dict[str, str | int | float | bool] = field(default_factory=dict)
@@ -113,7 +110,7 @@ def adapt(
 
     With one traverse the map is known and, beside the prior, what other light changes in it. With several that are
     aligned, the pairs of the same place tell how a place changes. Self-taught, the names of later drives are ignored:
-    their frames are matched with the first traverse by the sequence filter, and what is sure counts as pairs; the
+    their frames are matched with the first traverse by the route model, and what is sure counts as pairs; the
     second round matches with the descriptor of the first.
 
     Args:
@@ -150,20 +147,8 @@ def adapt(
     require_standardisable(describer.method, describer.metric)
     known, origin = _chosen_prior(prior, describer)
     chosen = select(route, selection or Selection(), progress, only_shared=not self_taught)
+    _require_teachable(chosen, self_taught, teach_frames)
     map_drive, others = chosen.traverses[0], chosen.traverses[1:]
-    if len(map_drive) < 3:
-        raise RouteError(
-            f"the map {map_drive.name!r} has {len(map_drive)} frames; a descriptor is adapted to 3 or more"
-        )
-    if others and not self_taught and not chosen.aligned:
-        raise RouteError(
-            f"the traverses of {readable(route.root)} {route.why_not_aligned}; find the same places with `everplace "
-            "data align`, or let the drives be matched with `self_taught`"
-        )
-    if not others and (self_taught or teach_frames is not None):
-        option = "`self_taught`" if self_taught else "`teach_frames`"
-        raise RouteError(f"{option} wants a drive beside the map {map_drive.name!r} to learn from; give two traverses")
-
     described = describer.describe(map_drive, progress=progress)
     base = drive_statistics(described.values, light_moments(describer, map_drive, progress))
     taught = [drive[teach_frames] if teach_frames is not None else drive for drive in others]
@@ -176,8 +161,7 @@ def adapt(
     if self_taught:
         pairs = shown(progress, "matching the drives", learn.matched)
     else:
-        place = {stem: index for index, stem in enumerate(map_drive.stems)}
-        pairs = [_named_pairs([place[stem] for stem in drive.stems]) for drive in taught]
+        pairs = [pairs_by_name(drive.stems, map_drive.stems) for drive in taught]
     projection, weight = shown(progress, "solving for the descriptor", lambda: learn.solved(pairs))
     drives = tuple(
         TaughtDrive(
@@ -193,7 +177,7 @@ def adapt(
         "dimensions": len(projection.bias),
         "self_taught": self_taught,
         "prior": origin,
-        "prior_weight": weight if known is not None else 0.0,
+        "prior_weight": weight,
         "pairs": sum(len(found.frames) for found in pairs),
     }
     seen = frozenset(stem for drive, found in zip(taught, pairs, strict=True) for stem in _stems(drive, found))
@@ -203,13 +187,31 @@ def adapt(
     digests = frozenset(digest for part in images for digest in image_digests(part, progress))
     result = AdaptedDescriber(whole, projection, settings, seen, digests)
     if save_prior is not None:
-        within = within_places(learn.statistics(pairs)[0], None, 0.0)
+        none = Moments.none(describer.dimension)
+        within = within_places(base + DriveStatistics(none, none, Moments.of(*learn.changes(pairs))), None, 0.0)
         write_prior(Path(save_prior), Prior.of(within, describer.method, describer.settings()))
-    adaptation = Adaptation(result, map_drive, drives, dimensions, origin, weight, settings)
+    adaptation = Adaptation(result, drives, origin, weight, settings)
     if out is not None:
         with whole_directory(Path(out)) as directory:
             write_adapted(directory, name, result, settings)
     return adaptation
+
+
+def _require_teachable(chosen: Route, self_taught: bool, teach_frames: slice | None) -> None:
+    """Makes sure that the chosen drives can teach as they are asked to."""
+    map_drive, others = chosen.traverses[0], chosen.traverses[1:]
+    if len(map_drive) < 3:
+        raise RouteError(
+            f"the map {map_drive.name!r} has {len(map_drive)} frames; a descriptor is adapted to 3 or more"
+        )
+    if others and not self_taught and not chosen.aligned:
+        raise RouteError(
+            f"the traverses of {readable(chosen.root)} {chosen.why_not_aligned}; find the same places with `everplace "
+            "data align`, or let the drives be matched with `self_taught`"
+        )
+    if not others and (self_taught or teach_frames is not None):
+        option = "`self_taught`" if self_taught else "`teach_frames`"
+        raise RouteError(f"{option} wants a drive beside the map {map_drive.name!r} to learn from; give two traverses")
 
 
 def drive_statistics(features: NDArray[np.float32], light: Moments | None = None) -> DriveStatistics:
@@ -260,37 +262,22 @@ class Learning:
             ]
         return pairs
 
-    def statistics(
-        self, pairs: Sequence[SurePairs]
-    ) -> tuple[DriveStatistics, NDArray[np.float32], NDArray[np.float64]]:
-        """Those of the map and the pairs, with the pairs' differences and weights."""
-        differences, weights = [], []
+    def changes(self, pairs: Sequence[SurePairs]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """K×F half differences of the pairs, and (K,) their weights."""
+        differences = [np.empty((0, self._base.places.features), np.float32)]
+        weights = [np.empty(0)]
         for found, drive, own in zip(pairs, self._drives, self._drive_weights, strict=False):
             differences.append(half_differences(drive.values[found.frames], self._map.values[found.places]))
             weights.append(pair_weights(found.places, self._map_weights, own[found.frames]))
-        if not differences:
-            return self._base, np.empty((0, self._base.places.features), np.float32), np.empty(0)
-        changes, counted = np.concatenate(differences), np.concatenate(weights)
-        none = Moments.none(changes.shape[1])
-        return self._base + DriveStatistics(none, none, Moments.of(changes, counted)), changes, counted
+        return np.concatenate(differences), np.concatenate(weights)
 
-    def solved(self, pairs: Sequence[SurePairs]) -> tuple[Any, float]:
+    def solved(self, pairs: Sequence[SurePairs]) -> tuple[Projection, float]:
         """The projection by these pairs, and the weight that the prior has in it."""
-        statistics, changes, weights = self.statistics(pairs)
-        weight = PRIOR_WEIGHT
-        if self._prior is not None and len(changes):
-            weight = fitting_prior_weight(statistics, changes, weights, self._prior)
-        return adapted_projection(statistics, self._dimensions, self._prior, weight), weight
+        return taught_projection(self._base, *self.changes(pairs), self._dimensions, self._prior)
 
     @staticmethod
-    def _projected(descriptors: Descriptors, projection: Any) -> Descriptors:
-        values = descriptors.values @ projection.weight.T.astype(np.float32) + projection.bias.astype(np.float32)
-        return Descriptors(values, descriptors.names, descriptors.method)
-
-
-def _named_pairs(places: Sequence[int]) -> SurePairs:
-    count = len(places)
-    return SurePairs(np.arange(count), np.asarray(places, np.int64), np.full(count, np.inf, np.float32), count)
+    def _projected(descriptors: Descriptors, projection: Projection) -> Descriptors:
+        return Descriptors(projection.apply(descriptors.values), descriptors.names, descriptors.method)
 
 
 def _right(drive: Traverse, map_drive: Traverse, pairs: SurePairs) -> float | None:

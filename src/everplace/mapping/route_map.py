@@ -26,11 +26,12 @@ from everplace.mapping.calibration import Calibration
 from everplace.mapping.condition_model import ConditionModel
 from everplace.mapping.described_drive import DescribedDrive, describe_drive
 from everplace.mapping.drive_source import open_drive
-from everplace.mapping.map_learning import MapFrames, learn, light_arrays, light_of, project
+from everplace.mapping.map_learning import MapFrames, learn, light_arrays, light_of
 from everplace.mapping.map_tables import MapState, MapTables, as_matrix
-from everplace.mapping.place_scores import PlaceFrames, directions
+from everplace.mapping.place_scores import PlaceFrames
 from everplace.mapping.placement import Align, Placement, agreement, believed, pairs_by_name, pairs_by_pose, placed
 from everplace.mapping.self_teaching import sure_pairs_of_scores
+from everplace.match.similarity import directions
 from everplace.match.standardise import require_standardisable
 from everplace.progress import Progress, quiet, shown
 from everplace.route.traverse import Traverse
@@ -378,7 +379,7 @@ class Map:
                 elif not (np.isfinite(features).all() and np.isfinite(values).all()):
                     faults.append(f"version {state.version} holds numbers that are not finite")
                 else:
-                    found = project(features, Map(self._tables, state).projection)
+                    found = Map(self._tables, state).projection.apply(features)
                     if not np.allclose(found, values, atol=1e-3 * max(1.0, float(np.abs(values).max()))):
                         faults.append(f"the descriptors of version {state.version} are not those of its features")
             except MapError as error:
@@ -413,7 +414,7 @@ class Map:
         names = np.array(drives)
         for name in self.drives:
             there[names == name] -= there[names == name].mean(axis=0)
-        here = project(described.features, self.projection)
+        here = self.projection.apply(described.features)
         here -= here.mean(axis=0)
         return order.fuse(directions(here) @ directions(there[order.rows]).T), there[order.first]
 
@@ -471,7 +472,7 @@ def _learnt(
     )
     kept |= {f"condition.{key}": array for key, array in model.to_arrays().items() if key != "conditions"}
     new["known_conditions"] = list(model.conditions)
-    descriptors = tables.write_descriptors(project(features, projection))
+    descriptors = tables.write_descriptors(projection.apply(features))
     return tables.commit(state.version + 1, new, kept, frames_version, descriptors)
 
 

@@ -21,7 +21,7 @@ from everplace.files import readable, shortened
 from everplace.match.equal_rows import EqualRows
 from everplace.threads import usable_cores
 
-__all__ = ["best_columns", "similarity", "similarity_blocks", "top_k"]
+__all__ = ["best_columns", "directions", "similarity", "similarity_blocks", "top_k"]
 
 _BLOCK = 1024
 _DATABASE_BLOCK = 8192
@@ -196,7 +196,7 @@ class _Comparison:
         self._metric = query.metric
         self._query, values = query.values, database.values
         if self._metric == "cosine":
-            self._query, values = _directions(self._query), _directions(values)
+            self._query, values = directions(self._query), directions(values)
         self.places = EqualRows(values)
         self._places = values if len(self.places) == len(values) else values[self.places.distinct]
         if self._metric == "place-posterior":
@@ -228,7 +228,7 @@ def _require_equal(what: str, ours: object, theirs: object, query: Descriptors, 
         )
 
 
-def _directions(values: NDArray[np.float32]) -> NDArray[np.float32]:
+def directions(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Divides every row by its length; a zero row stays zero."""
     # Lengths in double precision: the square of a large or tiny float32 is no float32.
     # Block by block and row by row: how a row is rounded may not depend on where it stands.
@@ -236,9 +236,9 @@ def _directions(values: NDArray[np.float32]) -> NDArray[np.float32]:
     for start in range(0, len(values), _BLOCK):
         squares[start : start + _BLOCK] = np.square(values[start : start + _BLOCK], dtype=np.float64).sum(axis=1)
     inverse = np.divide(1.0, np.sqrt(squares), out=np.zeros_like(squares), where=squares > 0)
-    directions = np.empty_like(values)
-    np.multiply(values, inverse[:, None], out=directions, casting="same_kind")
-    return directions
+    divided = np.empty_like(values)
+    np.multiply(values, inverse[:, None], out=divided, casting="same_kind")
+    return divided
 
 
 def _cosine(query: NDArray[np.float32], database: NDArray[np.float32]) -> NDArray[np.float32]:
