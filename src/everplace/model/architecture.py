@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from everplace.adaptation.oriented_gradients import OrientedGradients
+from everplace.model.convolution import Convolution, TransposedConvolution
 from everplace.model.model_config import ModelConfig
 from everplace.model.posterior import LatentSplit, Posterior
 
@@ -84,7 +85,7 @@ class InstanceBatchNorm2d(nn.Module):
 
 def _convolution(inputs: int, outputs: int, stride: int, *, free_of_contrast: bool) -> nn.Sequential:
     return nn.Sequential(
-        nn.Conv2d(inputs, outputs, 3, stride, padding=1, bias=False),
+        Convolution(inputs, outputs, 3, stride, padding=1, bias=False),
         InstanceBatchNorm2d(outputs) if free_of_contrast else nn.BatchNorm2d(outputs),
         nn.LeakyReLU(0.1),
     )
@@ -93,7 +94,7 @@ def _convolution(inputs: int, outputs: int, stride: int, *, free_of_contrast: bo
 def _transposed(inputs: int, outputs: int, stride: int) -> nn.Sequential:
     kernel = 4 if stride == 2 else 3
     return nn.Sequential(
-        nn.ConvTranspose2d(inputs, outputs, kernel, stride, padding=1, bias=False),
+        TransposedConvolution(inputs, outputs, kernel, stride, padding=1, bias=False),
         nn.BatchNorm2d(outputs),
         nn.LeakyReLU(0.1),
     )
@@ -210,7 +211,7 @@ class Decoder(nn.Module):
             _transposed(a, b, step) for a, b, step in zip(channels, channels[1:], steps, strict=False)
         )
         last = steps[-1]
-        self.output = nn.ConvTranspose2d(channels[-1], config.channels, 4 if last == 2 else 3, last, padding=1)
+        self.output = TransposedConvolution(channels[-1], config.channels, 4 if last == 2 else 3, last, padding=1)
 
     def forward(self, z: Tensor) -> Tensor:
         """Decodes latents.
