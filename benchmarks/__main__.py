@@ -10,13 +10,14 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import augmenting, describing, fabmap, memory, opening, sequences, training
+from benchmarks import augmenting, beside_work, describing, fabmap, memory, opening, sequences, training
 from benchmarks.ratio import Ratio
 
 STUDIES = {
     "training": training.measure,
     "augmenting": augmenting.measure,
     "describing": describing.measure,
+    "beside-work": beside_work.measure,
     "memory": memory.measure,
     "fabmap": fabmap.measure,
     "opening": opening.measure,

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from itertools import permutations
+from typing import Any
 
 import numpy as np
 import pytest
+import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from everplace.adaptation import discriminant
 from everplace.adaptation.discriminant import PlaceScatter, add_ridge, leading_directions
@@ -106,3 +109,24 @@ def test_both_ways_to_the_leading_directions_agree_and_repeat(monkeypatch: pytes
     iterated = leading_directions(between, within.copy(), 6)
     np.testing.assert_allclose(np.abs(iterated), np.abs(whole), atol=1e-4 * np.abs(whole).max())
     np.testing.assert_array_equal(leading_directions(between, within.copy(), 6), iterated)
+
+
+def test_one_thread_solves_and_the_caller_keeps_his(monkeypatch: pytest.MonkeyPatch) -> None:
+    def threads() -> set[int]:
+        return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+    seen: list[set[int]] = []
+    solve = scipy.linalg.eigh
+
+    def noted(*given: Any, **options: Any) -> Any:
+        seen.append(threads())
+        return solve(*given, **options)
+
+    monkeypatch.setattr(scipy.linalg, "eigh", noted)
+    scatter = PlaceScatter(2, 6)
+    scatter.add(np.random.default_rng(0).random((2, 40, 6), dtype=np.float32))
+    with threadpool_limits(2, user_api="blas"):
+        before = threads()
+        scatter.discriminant(2, 1.0)
+        assert threads() == before
+    assert seen == [{1}]

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse.linalg
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 __all__ = ["PlaceScatter", "Projection", "add_ridge", "leading_directions"]
 
@@ -67,7 +68,10 @@ def leading_directions(
     features = len(within)
     if features <= _WHOLE or 4 * dimensions > features:
         subset = [features - dimensions, features - 1]
-        _, vectors = scipy.linalg.eigh(between, within, subset_by_index=subset, overwrite_b=True)
+        # OpenBLAS's threads wait awake between thousands of short steps, which takes longer than one thread takes for
+        # all of them, and many times longer beside other work. (Results differ in the 13th digit.)
+        with threadpool_limits(1, user_api="blas"):
+            _, vectors = scipy.linalg.eigh(between, within, subset_by_index=subset, overwrite_b=True)
         return vectors.T[::-1]
     lower = scipy.linalg.cholesky(within, lower=True, overwrite_a=True)
     half = scipy.linalg.solve_triangular(lower, between, lower=True)

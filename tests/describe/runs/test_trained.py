@@ -42,6 +42,37 @@ def batch(frames: int, channels: int = 1) -> np.ndarray[tuple[int, ...], np.dtyp
     return np.random.default_rng(0).integers(0, 256, (frames, 32, 64, channels), dtype=np.uint8)
 
 
+@pytest.mark.parametrize("height", [32, 224])
+def test_one_frame_of_oriented_gradients_is_described_in_one_thread_as_in_two(
+    monkeypatch: pytest.MonkeyPatch, height: int
+) -> None:
+    values = {"kind": "cp-vae", "height": height, "width": 224, "conditions": ("a", "b"), "places": 4}
+    config = ModelConfig.model_validate({**values, "fully_connected": False, "oriented_gradients": True})
+    model = ConditionVAE(config).eval()
+    describer = TrainedDescriber(Checkpoint(model), device="cpu")
+    frame = np.random.default_rng(0).integers(0, 256, (1, height, 224, 3), dtype=np.uint8)
+    seen: list[int] = []
+    describe = model.descriptor
+
+    def noted(images: torch.Tensor) -> torch.Tensor:
+        seen.append(torch.get_num_threads())
+        return describe(images)
+
+    monkeypatch.setattr(model, "descriptor", noted)
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        with torch.inference_mode():
+            by_two = describe(to_input(torch.from_numpy(frame))).numpy()
+        by_one = describer.describe_batch(frame)
+        describer.describe_batch(frame.repeat(2, axis=0))
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+    assert seen == [1, 2]
+    np.testing.assert_array_equal(by_one, by_two)
+
+
 @pytest.mark.parametrize("kind", ["vae", "c-vae", "cp-vae"])
 def test_the_descriptor_is_the_posterior_mean_of_the_block(tmp_path: Path, kind: ModelKind) -> None:
     model = saved_run(tmp_path, kind)

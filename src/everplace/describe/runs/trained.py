@@ -8,6 +8,7 @@ and Park [17], describe places by these. The paper gives no more than that;
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from copy import deepcopy
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from everplace.model.checkpoint import Checkpoint, load_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.inference import default_device, inference
 from everplace.model.pixels import to_input
+from everplace.threads import one_torch_thread
 
 __all__ = ["TrainedDescriber", "open_method"]
 
@@ -62,7 +64,9 @@ class TrainedDescriber(Describer):
 
     def describe_batch(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Describes a batch, B×H×W×C uint8, as B×D float32."""
-        with inference():
+        # A frame's oriented gradients are projected in less time than threads take to find each other.
+        small = len(images) == 1 and self._model.encoder.place_projection is not None
+        with inference(), one_torch_thread() if small else nullcontext():
             values = self._model.descriptor(to_input(torch.from_numpy(images).to(self._device)))
         array: NDArray[np.float32] = values.float().cpu().numpy()
         return array
