@@ -30,7 +30,8 @@ from everplace.render.rendered_route import render_route
 from everplace.route.folder import open_traverse
 
 ROUNDS = 5
-ONE_FRAME_ROUNDS = 31
+ONE_FRAME_ROUNDS = 11
+WARM = 4
 BATCH = 32
 
 
@@ -61,10 +62,11 @@ def _one_frame() -> list[Ratio]:
     seconds: dict[str, list[float]] = {name: [] for name in work}
     for _ in range(ONE_FRAME_ROUNDS):  # by turns, so that a busy machine slows all
         for name, describe in work.items():
-            describe()  # the caches are warm, as they are in a loop over frames
-            start = time.perf_counter()
-            describe()
-            seconds[name].append(time.perf_counter() - start)
+            for frame_number in range(2 * WARM):
+                start = time.perf_counter()
+                describe()
+                if frame_number >= WARM:  # the caches are warm, as they are in a loop over frames
+                    seconds[name].append(time.perf_counter() - start)
     took = {name: 1000 * float(np.median(of)) for name, of in seconds.items()}
 
     def row(what: str, against: str, at_least: float | None = None, at_most: float | None = None) -> Ratio:
