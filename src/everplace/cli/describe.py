@@ -64,6 +64,7 @@ def describe(
         require_no_frame(out, images.parent)
     below = _below(images, image_root)
     options = given_pairs(settings)
+    from everplace.describe.described_file import describe_to_file
     from everplace.describe.recorded_frames import RecordedFrames, is_recording, open_recording
     from everplace.describe.registry import open_describer
     from everplace.route.folder import open_traverse
@@ -75,23 +76,19 @@ def describe(
     elif options:
         raise ConfigError(f"--set is for videos and bags, and {readable(images)} holds images; leave it out")
     describer = open_describer(method, progress=show_progress())
-    described = describer.describe(opened, batch=batch, progress=show_progress())
+    count = describe_to_file(
+        describer, opened, out, layout=file_format, directory=below, batch=batch, progress=show_progress()
+    )
     if isinstance(opened, RecordedFrames):
         for note in opened.notes:
             warn(note)
-    if below:
-        described = described.under(below)
-    if file_format == "hloc":
-        described.write_hloc(out)
-    else:
-        described.save(out)
     show_result(
         {
-            "method": described.method,
-            "images": len(described),
-            "dimension": described.dimension,
-            "bytes_per_descriptor": 4 * described.dimension,
-            "settings": dict(described.settings),
+            "method": describer.method,
+            "images": count,
+            "dimension": describer.dimension,
+            "bytes_per_descriptor": 4 * describer.dimension,
+            "settings": dict(describer.settings()),
             "out": str(out),
         },
         as_json,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import operator
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.describe.batches import gather_batches
+from everplace.describe.equal_descriptors import MajorityVote
 from everplace.describe.files.descriptors import Descriptors, Metric, Settings
 from everplace.describe.recorded_frames import RecordedFrames
 from everplace.errors import ConfigError, DescriptorsError, MethodError, RouteError
-from everplace.files import readable
 from everplace.images.decoding import ImageSpec, convert_image, decode_images
 from everplace.progress import Progress, quiet
 from everplace.route.traverse import Traverse
@@ -26,10 +26,26 @@ if TYPE_CHECKING:
     from everplace.model.checkpoint import Checkpoint
     from everplace.model.condition_vae import ConditionVAE
 
-__all__ = ["Describer", "require_no_argument"]
+__all__ = ["Describer", "PassingDescriptors", "require_no_argument"]
 
-# Networks round an image's descriptor differently at different places of a batch.
-_ROUNDING = 1e-5
+
+@dataclass(frozen=True)
+class PassingDescriptors:
+    """Descriptors that are made one after the other while somebody reads them, once.
+
+    Attributes:
+        rows: (D,) each, in the order of the images.
+        expected: How many there will be; of a recording an estimate, or None.
+        names: Of the frames; of a recording whole once `rows` are read.
+        image_names: Of the files of the frames, where there are files.
+        source: The drive; None: images in memory.
+    """
+
+    rows: Iterator[NDArray[np.float32]]
+    expected: int | None
+    names: Sequence[str]
+    image_names: tuple[str, ...] | None
+    source: Path | None
 
 
 class Describer(ABC):
@@ -108,36 +124,67 @@ class Describer(ABC):
         Warns:
             UserWarning: Most descriptors of a traverse or recording are equal, so they cannot tell its frames apart.
         """
+        passing = self.describe_passing(images, batch=batch, progress=progress)
+        values = np.empty((passing.expected or 1, self.dimension), np.float32)
+        count, vote = 0, MajorityVote()
+        for row in passing.rows:
+            if count == len(values):
+                values = np.concatenate([values, np.empty_like(values)])
+            values[count] = row
+            vote.see(row)
+            count += 1
+        described = Descriptors(
+            values[:count], tuple(passing.names), self.method, self.metric, self.settings(), passing.image_names
+        )
+        if passing.source is not None:
+            vote.warn_of_equal(described.values, passing.source)
+        return described
+
+    def describe_passing(
+        self,
+        images: Traverse | RecordedFrames | NDArray[np.uint8] | Sequence[NDArray[np.uint8]],
+        *,
+        batch: int | None = None,
+        progress: Progress = quiet,
+    ) -> PassingDescriptors:
+        """Does what `describe` does, for a reader who does not keep the descriptors in memory.
+
+        Args:
+            images: As for `describe`.
+            batch: As for `describe`.
+            progress: Shows how many images are described.
+
+        Returns:
+            The descriptors, of which none is made yet. Reading them raises what `describe` raises.
+
+        Raises:
+            ConfigError: `batch` is below 1.
+            RouteError: There are no images.
+        """
         batch = self.batch if batch is None else batch
         if batch < 1:
             raise ConfigError(f"a batch of {batch} images is not possible; give at least 1")
         if isinstance(images, RecordedFrames):
-            return self._describe_recording(images, batch, progress)
+            passed: list[str] = []
+            drive = images.drive
+            rows = progress(
+                self._rows(images.pixels(self.image, passed), batch), f"describing {drive.name}", drive.count
+            )
+            return PassingDescriptors(iter(rows), drive.count, passed, None, images.path)
         names: tuple[str, ...]
-        image_names: tuple[str, ...] | None
+        image_names: tuple[str, ...] | None = None
+        source: Path | None = None
         if isinstance(images, Traverse):
             names, image_names = images.stems, tuple(map(operator.add, images.stems, images.endings))
-            decoded = decode_images(images.paths, self.image)
+            decoded, source = decode_images(images.paths, self.image), images.root
         else:
             arrays = [images] if isinstance(images, np.ndarray) else images
-            names, image_names = tuple(map(str, range(len(arrays)))), None
+            names = tuple(map(str, range(len(arrays))))
             decoded = (convert_image(array, self.image) for array in arrays)
         if not names:
             raise RouteError("there are no images to describe; choose a directory or frames that hold some")
-        values = np.empty((len(names), self.dimension), np.float32)
-        for index, row in enumerate(progress(self._rows(decoded, batch), "describing", len(names))):
-            values[index] = row
-        described = Descriptors(values, names, self.method, self.metric, self.settings(), image_names)
-        if isinstance(images, Traverse):
-            _warn_of_equal(values, images.root)
-        return described
-
-    def _describe_recording(self, recording: RecordedFrames, batch: int, progress: Progress) -> Descriptors:
-        names: list[str] = []
-        rows = self._rows(recording.pixels(self.image, names), batch)
-        values = np.stack(list(progress(rows, f"describing {recording.drive.name}", recording.drive.count)))
-        _warn_of_equal(values, recording.path)
-        return Descriptors(values, tuple(names), self.method, self.metric, self.settings())
+        rows = progress(self._rows(decoded, batch), "describing", len(names))
+        return PassingDescriptors(iter(rows), len(names), names, image_names, source)
 
     def _rows(self, images: Iterator[NDArray[np.uint8]], batch: int) -> Iterator[NDArray[np.float32]]:
         with contextlib.closing(gather_batches(images, batch)) as batches:
@@ -146,30 +193,6 @@ class Describer(ABC):
                 if values.shape != wanted:
                     raise DescriptorsError(f"{self.method} returned an array of shape {values.shape}, not {wanted}")
                 yield from values
-
-
-def _warn_of_equal(values: NDArray[np.float32], source: Path) -> None:
-    """Warns where more than half of a drive's descriptors are equal but for rounding, such as all zero."""
-    # Boyer and Moore's vote: if one row has a majority, it is the one that is left.
-    common, votes = values[0], 0
-    for row in values:
-        if not votes:
-            common = row
-        votes += 1 if _equal(row, common) else -1
-    if votes <= 0:
-        return
-    equal = sum(_equal(row, common) for row in values)
-    if len(values) > 1 and 2 * equal > len(values):
-        what = "equal" if common.any() else "zero"
-        warnings.warn(
-            f"{equal} of the {len(values)} descriptors of {readable(source)} are {what}, so no score tells "
-            "these frames apart; look at the images with everplace data inspect: are they black, or all the same?",
-            stacklevel=3,
-        )
-
-
-def _equal(row: NDArray[np.float32], other: NDArray[np.float32]) -> bool:
-    return bool(np.abs(row - other).max() <= _ROUNDING * np.abs(other).max())
 
 
 def require_no_argument(method: str, argument: str) -> None:

@@ -30,7 +30,7 @@ from everplace.images.decoding import is_image_name
 from everplace.importing.containers.file_trees import stem_of
 from everplace.route.natural_order import natural_key
 
-__all__ = ["Descriptors", "Metric", "Settings", "load_descriptors"]
+__all__ = ["Descriptors", "Metric", "Settings", "checked_names", "checked_values", "load_descriptors", "write_origin"]
 
 Metric: TypeAlias = Literal["cosine", "mean-absolute-difference", "place-posterior"]
 Settings: TypeAlias = Mapping[str, str | int | float | bool]
@@ -65,12 +65,12 @@ class Descriptors:
     path: Path | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "names", _checked_names(self.names))
+        object.__setattr__(self, "names", checked_names(self.names))
         if self.image_names is not None:
-            object.__setattr__(self, "image_names", _checked_names(self.image_names))
+            object.__setattr__(self, "image_names", checked_names(self.image_names))
             if len(self.image_names) != len(self.names):
                 raise DescriptorsError(f"there are {len(self.image_names)} image names for {len(self.names)} names")
-        object.__setattr__(self, "values", _checked_values(self.values, self.names))
+        object.__setattr__(self, "values", checked_values(self.values, self.names))
         if self.metric not in get_args(Metric):
             raise DescriptorsError(
                 f"the metric must be one of {', '.join(get_args(Metric))}, not {shortened(self.metric)!r}"
@@ -137,7 +137,7 @@ class Descriptors:
             write_texts(file, "names", self.names)
             if self.image_names is not None:
                 write_texts(file, "image_names", self.image_names)
-            self._write_attributes(file)
+            write_origin(file, self.method, self.metric, self.settings)
 
     def write_hloc(self, path: str | Path) -> None:
         """Writes hloc's layout, see `everplace.describe.files.hloc_layout`; without image names, by the names.
@@ -149,13 +149,15 @@ class Descriptors:
         """
         with whole_hdf5(Path(path)) as file:
             write_groups(file, self.names if self.image_names is None else self.image_names, self.values)
-            self._write_attributes(file)
+            write_origin(file, self.method, self.metric, self.settings)
 
-    def _write_attributes(self, file: h5py.File) -> None:
-        file.attrs["method"] = self.method
-        file.attrs["metric"] = self.metric
-        file.attrs["settings"] = json.dumps(dict(self.settings), sort_keys=True)
-        file.attrs["everplace_version"] = version("everplace")
+
+def write_origin(file: h5py.File, method: str, metric: Metric, settings: Settings) -> None:
+    """Writes how the descriptors of a file were made, as its attributes."""
+    file.attrs["method"] = method
+    file.attrs["metric"] = metric
+    file.attrs["settings"] = json.dumps(dict(settings), sort_keys=True)
+    file.attrs["everplace_version"] = version("everplace")
 
 
 def load_descriptors(path: str | Path) -> Descriptors:
@@ -207,7 +209,12 @@ def _settings(text: str) -> Settings:
     return settings
 
 
-def _checked_names(names: Sequence[str]) -> tuple[str, ...]:
+def checked_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Returns names of frames.
+
+    Raises:
+        DescriptorsError: One of them cannot name a frame, or occurs twice.
+    """
     names = tuple(names)
     for name in names:
         if not name or _UNNAMEABLE.search(name):
@@ -218,7 +225,16 @@ def _checked_names(names: Sequence[str]) -> tuple[str, ...]:
     return names
 
 
-def _checked_values(values: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.float32]:
+def checked_values(values: NDArray[Any], names: Sequence[str]) -> NDArray[np.float32]:
+    """Returns N×D descriptors as float32.
+
+    Args:
+        values: The numbers.
+        names: N, for the message.
+
+    Raises:
+        DescriptorsError: They are no N×D floating-point numbers, N is 0, or one is not finite.
+    """
     values = np.asarray(values)
     if values.dtype.kind != "f":
         raise DescriptorsError(f"the descriptors must be floating-point numbers, not {values.dtype}")

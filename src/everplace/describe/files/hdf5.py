@@ -1,8 +1,9 @@
-"""HDF5 as descriptor files need it: written in memory, read with a look at what a dataset announces."""
+"""HDF5 as descriptor files need it: written to disk as it is made, read with a look at what a dataset announces."""
 
 from __future__ import annotations
 
 import contextlib
+import io
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -13,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.errors import DescriptorsError
-from everplace.files import write_bytes
+from everplace.files import whole_file
 
 __all__ = [
+    "OutputFile",
     "blocks_of_rows",
     "find_dataset",
     "read_text",
@@ -26,26 +28,79 @@ __all__ = [
 ]
 
 _BYTES_OF_NAMES = "surrogateescape"  # a name that is not UTF-8 keeps its bytes, as Python's file names do
-_GROWS_BY = 2**20
 _BLOCK_BYTES = 2**24
 _MOST_COMPRESSED = 1000  # bytes out of one, about what deflate reaches on zeros
 _TEXTS_AT_ONCE = 64
 
 
-@contextlib.contextmanager
-def whole_hdf5(path: Path) -> Iterator[h5py.File]:
-    """A file to fill in memory, then written whole or not at all.
+class OutputFile(h5py.File):  # type: ignore[misc]  # h5py states no types
+    """An HDF5 file that is filled on disk."""
 
-    HDF5 itself crashes, or leaves its file behind, where the disk is full.
+    def __init__(self, raw: io.FileIO) -> None:
+        """Begins a file in an empty one."""
+        self._storage = _PatientFile(raw)
+        super().__init__(self._storage, "w")
+
+    def require_room(self) -> None:
+        """Raises the OSError of what could not be written so far, if there is any."""
+        if self._storage.error is not None:
+            raise self._storage.error
+
+
+@contextlib.contextmanager
+def whole_hdf5(path: Path) -> Iterator[OutputFile]:
+    """A file that is filled on disk, and stands under its name once it is whole, or not at all.
 
     Raises:
         StorageError: The place cannot be written to.
     """
-    with h5py.File("descriptors", "w", driver="core", backing_store=False, block_size=_GROWS_BY) as file:
-        yield file
-        file.flush()
-        image = file.id.get_file_image()
-    write_bytes(path, image)
+    with whole_file(path) as temporary, temporary.open("w+b", buffering=0) as raw:
+        file = OutputFile(raw)
+        try:
+            with file:
+                yield file
+        finally:
+            file.require_room()
+
+
+class _PatientFile(io.RawIOBase):
+    """A file whose failures to write are kept for the end: HDF5 itself crashes where the disk is full."""
+
+    def __init__(self, raw: io.FileIO) -> None:
+        self._raw = raw
+        self.error: OSError | None = None
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET, /) -> int:
+        return self._raw.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._raw.tell()
+
+    def readinto(self, buffer: Any, /) -> int:
+        wanted = memoryview(buffer).cast("B")
+        read = self._raw.readinto(wanted)
+        wanted[read:] = bytes(len(wanted) - read)  # of what could not be written
+        return len(wanted)
+
+    def write(self, data: Any, /) -> int:
+        left = memoryview(data).cast("B")
+        whole = len(left)
+        with self._kept_error():
+            while left:
+                left = left[self._raw.write(left) :]
+        return whole
+
+    def truncate(self, size: int | None = None, /) -> int:
+        with self._kept_error():
+            self._raw.truncate(size)
+        return self._raw.tell() if size is None else size
+
+    @contextlib.contextmanager
+    def _kept_error(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            self.error = self.error or error
 
 
 def write_texts(file: h5py.File, name: str, texts: Sequence[str]) -> None:

@@ -6,18 +6,18 @@ et al., "From Coarse to Fine: Robust Hierarchical Localization at Large Scale", 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.describe.files.hdf5 import require_own_numbers
+from everplace.describe.files.hdf5 import OutputFile, require_own_numbers
 from everplace.errors import DescriptorsError
 from everplace.files import readable
 
-__all__ = ["is_hloc_layout", "read_groups", "write_groups"]
+__all__ = ["is_hloc_layout", "read_groups", "rows_of_groups", "write_groups"]
 
 _GLOBAL = "global_descriptor"
 _OWN = ("descriptors", "names")
@@ -32,19 +32,19 @@ def is_hloc_layout(file: h5py.File) -> bool:
     )
 
 
-def write_groups(file: h5py.File, images: Sequence[str], values: NDArray[np.float32]) -> None:
+def write_groups(file: OutputFile, images: Iterable[str], values: Iterable[NDArray[np.float32]]) -> None:
     """Writes a group for every image (`/` nests).
 
     Args:
         file: The file to fill.
         images: N names.
-        values: N×D.
+        values: (D,) each.
 
     Raises:
         DescriptorsError: A name cannot be an HDF5 group: it is not UTF-8, holds a line break, has an empty part, or is
             the directory of another.
     """
-    for image, row in zip(images, values, strict=True):
+    for row, image in zip(values, images, strict=True):  # names may be told as the rows are made
         reserved = any(part in {"", ".", _GLOBAL} for part in image.split("/"))
         if reserved or readable(image) != image or image in file:
             raise DescriptorsError(
@@ -52,6 +52,13 @@ def write_groups(file: h5py.File, images: Sequence[str], values: NDArray[np.floa
                 "format"
             )
         file.create_group(image)[_GLOBAL] = row
+        file.require_room()
+
+
+def rows_of_groups(file: h5py.File, images: Sequence[str]) -> Iterator[NDArray[np.float32]]:
+    """Reads what `write_groups` wrote."""
+    for image in images:
+        yield file[image][_GLOBAL][:]
 
 
 def read_groups(file: h5py.File) -> tuple[tuple[str, ...], NDArray[Any]]:
