@@ -17,11 +17,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.linear_model import LogisticRegression
-from sklearn.neural_network import MLPClassifier
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
 from torch import Tensor
 
 from everplace.describe.files.descriptors import Descriptors
@@ -198,6 +193,12 @@ def audit(
 
 def _probe(blocks: Sequence[NDArray[np.float32]], conditions: Sequence[str]) -> Probe | None:
     """Fits on one contiguous half of the places and scores on the other, both ways round."""
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.linear_model import LogisticRegression
+    from sklearn.neural_network import MLPClassifier
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
     shares = [count / len(conditions) for count in Counter(conditions).values()]
     if len(shares) < 2:
         return None
