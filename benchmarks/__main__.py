@@ -1,4 +1,4 @@
-"""Runs every benchmark and prints one table."""
+"""Runs benchmarks and prints their tables."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import augmenting, beside_work, describing, fabmap, memory, opening, sequences, training
+from benchmarks import augmenting, beside_work, describing, fabmap, memory, methods, opening, sequences, training
 from benchmarks.ratio import Ratio
 
 STUDIES = {
@@ -26,18 +26,27 @@ STUDIES = {
 
 
 def main() -> None:
+    names = [*STUDIES, "methods"]
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"which ones: {', '.join(STUDIES)} (default: all)")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"which ones: {', '.join(names)} (default: all)")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     given = parser.parse_args()
-    if unknown := set(given.names) - set(STUDIES):
-        parser.error(f"there is no benchmark {min(unknown)!r}; choose {', '.join(STUDIES)}")
+    if unknown := set(given.names) - set(names):
+        parser.error(f"there is no benchmark {min(unknown)!r}; choose {', '.join(names)}")
     rows: list[Ratio] = []
-    for name in given.names or STUDIES:
+    costs: list[methods.MethodCosts] = []
+    for name in given.names or names:
         with tempfile.TemporaryDirectory() as scratch:
-            rows += STUDIES[name](Path(scratch))
+            if name == "methods":
+                costs = methods.measure(Path(scratch))
+            else:
+                rows += STUDIES[name](Path(scratch))
     if given.json:
-        print(json.dumps([row.to_dict() for row in rows], indent=2))
+        print(json.dumps([*(row.to_dict() for row in rows), *(row.to_dict() for row in costs)], indent=2))
+        return
+    if costs:
+        Console().print(methods.table_of(costs))
+    if not rows:
         return
     table = Table("what", "measured", "against", "ratio", "wanted", "met")
     for row in rows:
