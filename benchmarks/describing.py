@@ -19,6 +19,7 @@ from everplace.adaptation.oriented_gradients import OrientedGradients
 from everplace.describe.methods.alexnet import alexnet_features
 from everplace.describe.methods.hog import HOG
 from everplace.describe.methods.vgg19 import vgg19_features
+from everplace.describe.registry import open_describer
 from everplace.describe.runs.trained import TrainedDescriber
 from everplace.images.decoding import convert_image, decode_images
 from everplace.model.checkpoint import Checkpoint
@@ -33,10 +34,11 @@ ROUNDS = 5
 ONE_FRAME_ROUNDS = 11
 WARM = 4
 BATCH = 32
+PLACES = 96
 
 
 def measure(scratch: Path) -> list[Ratio]:
-    return [*_one_frame(), _files(scratch)]
+    return [*_one_frame(), _files(scratch), *_decoding_bound(scratch)]
 
 
 def _one_frame() -> list[Ratio]:
@@ -117,3 +119,35 @@ def _files(scratch: Path) -> Ratio:
         bound / taken,
         at_least=0.9,
     )
+
+
+def _decoding_bound(scratch: Path) -> list[Ratio]:
+    """Light methods take little beside decoding JPEGs of a camera's size to that of the method."""
+    rows = []
+    best = _describer(kind="cp-vae", places=100, fully_connected=False, oriented_gradients=True)
+    for height, width in ((480, 640), (1080, 1920)):
+        config = {"places": PLACES, "size": (height, width), "conditions": ("summer",), "format": "jpg"}
+        route = scratch / f"route{height}"
+        render_route(route, render_config(config))
+        traverse = open_traverse(route / "summer")
+        for name, describer in (("hog16", open_describer("hog16")), ("best", best)):
+            decoding, whole = [], []
+            for _ in range(ROUNDS):
+                start = time.perf_counter()
+                for _image in decode_images(traverse.paths, describer.image):
+                    pass
+                decoding.append(time.perf_counter() - start)
+                start = time.perf_counter()
+                describer.describe(traverse)
+                whole.append(time.perf_counter() - start)
+            alone, taken = float(np.median(decoding)), float(np.median(whole))
+            rows.append(
+                Ratio(
+                    f"describing JPEGs of {width}×{height}, {name}",
+                    f"{PLACES / taken:.0f} images/s end to end",
+                    f"{PLACES / alone:.0f} images/s decoded",
+                    alone / taken,
+                    at_least=0.9,
+                )
+            )
+    return rows

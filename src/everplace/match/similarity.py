@@ -7,7 +7,6 @@ where they stand. So each distinct descriptor of the database is compared once, 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -19,13 +18,11 @@ from everplace.errors import ConfigError, DescriptorsError
 from everplace.fabmap.place_posterior import PlacePosterior
 from everplace.files import readable, shortened
 from everplace.match.equal_rows import EqualRows
-from everplace.threads import usable_cores
 
 __all__ = ["best_columns", "directions", "similarity", "similarity_blocks", "top_k"]
 
 _BLOCK = 1024
 _DATABASE_BLOCK = 8192
-_TILE = (128, 32)  # query and database descriptors that are compared at once by absolute differences
 _INDEX = (1 << 32) - 1
 
 
@@ -248,19 +245,10 @@ def _cosine(query: NDArray[np.float32], database: NDArray[np.float32]) -> NDArra
 
 
 def _mean_absolute_difference(query: NDArray[np.float32], database: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Compares in tiles that stay in a core's cache; SciPy frees the interpreter, so threads can share."""
-    from scipy.spatial.distance import cdist
+    """Compares pair by pair, so that no score depends on what else is compared."""
+    import faiss
 
-    result = np.empty((len(query), len(database)), np.float32)
-
-    def fill(row: int) -> None:
-        rows = slice(row, row + _TILE[0])
-        some = query[rows].astype(np.float64)
-        for column in range(0, len(database), _TILE[1]):
-            columns = slice(column, column + _TILE[1])
-            result[rows, columns] = cdist(some, database[columns], "cityblock") / query.shape[1]
-
-    with ThreadPoolExecutor(usable_cores(), "everplace-compare") as pool:
-        for _ in pool.map(fill, range(0, len(query), _TILE[0])):
-            pass
-    return result
+    differences = faiss.pairwise_distances(
+        np.ascontiguousarray(query), np.ascontiguousarray(database), metric=faiss.METRIC_L1
+    )
+    return np.divide(differences, np.float32(query.shape[1]), out=differences)
