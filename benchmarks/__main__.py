@@ -10,7 +10,18 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import augmenting, beside_work, describing, fabmap, memory, methods, opening, sequences, training
+from benchmarks import (
+    augmenting,
+    beside_work,
+    describing,
+    fabmap,
+    memory,
+    methods,
+    opening,
+    scores,
+    sequences,
+    training,
+)
 from benchmarks.ratio import Ratio
 
 STUDIES = {
@@ -21,6 +32,7 @@ STUDIES = {
     "memory": memory.measure,
     "fabmap": fabmap.measure,
     "opening": opening.measure,
+    "scores": scores.measure,
     "sequences": sequences.measure,
 }
 
