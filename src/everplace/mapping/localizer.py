@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections import deque
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -13,9 +12,9 @@ from numpy.typing import NDArray
 from everplace.describe.runs.adapted import AdaptedDescriber
 from everplace.errors import MapError
 from everplace.images.decoding import convert_image
-from everplace.mapping.calibration import likelihood_ratios_of, place_posterior
+from everplace.mapping.calibration import place_posterior
 from everplace.mapping.described_drive import how_it_looks
-from everplace.mapping.frame_window import MAP_MODEL, SEQUENCE, window_posterior
+from everplace.mapping.frame_window import MAP_MODEL, SEQUENCE, FrameWindow
 from everplace.mapping.place_scores import PlaceFrames
 from everplace.mapping.reliability import threshold_for
 from everplace.mapping.route_map import Map
@@ -73,7 +72,8 @@ class Localizer:
 
         Args:
             map_: The map, or its address.
-            sequence: Frames that an answer rests on, the last ones (the sequence filter); 1: each frame alone.
+            sequence: Frames that an answer rests on, the last ones (the sequence filter); those that show one view
+                again, as of a robot that stands, count as one; 1: each frame alone.
             model: What is assumed of the drive; None: the defaults.
 
         Raises:
@@ -94,7 +94,7 @@ class Localizer:
         self._calibration = opened.calibration
         self._conditions = opened.condition_model
         self._model = MAP_MODEL if model is None else model
-        self._seen: deque[NDArray[np.float64]] = deque(maxlen=sequence)
+        self._window = FrameWindow(sequence, self._calibration, self._model) if sequence > 1 else None
         self._numbers = np.asarray(table["number"])[rows]
 
     @property
@@ -126,8 +126,9 @@ class Localizer:
         return float(least)
 
     def state(self) -> NDArray[np.float64]:
-        """L×P: what it knows of the drive so far, to go on with `restore` in another process."""
-        return np.array(list(self._seen)).reshape(-1, len(self._order))
+        """L×(P + 1): what it knows of the drive so far, to go on with `restore` in another process."""
+        views = [] if self._window is None else self._window.state()
+        return np.array(views).reshape(-1, len(self._order) + 1)
 
     def restore(self, state: NDArray[np.float64]) -> None:
         """Goes on where `state` was taken, on the same version of the map.
@@ -135,10 +136,10 @@ class Localizer:
         Raises:
             MapError: It is of another map, or of another version.
         """
-        if state.ndim != 2 or state.shape[1] != len(self._order):
+        if state.ndim != 2 or state.shape[1] != len(self._order) + 1:
             raise MapError("this state is of another map, or of another version of it; begin anew")
-        self._seen.clear()
-        self._seen.extend(np.asarray(state, np.float64))
+        if self._window is not None:
+            self._window.restore(np.asarray(state, np.float64))
 
     def locate(
         self, image: NDArray[np.uint8], time: float | None = None, *, excluded: tuple[str, int, int] | None = None
@@ -181,7 +182,6 @@ class Localizer:
             frames[0, (self._drives == drive) & (np.abs(self._numbers - number) < distance)] = -np.inf
         scores = self._order.fuse(frames)
         scores[np.isneginf(scores)] = np.nan
-        self._seen.append(likelihood_ratios_of(scores[0], self._calibration))
         posterior, off = self._posterior(scores[0])
         posterior = np.where(np.isnan(scores[0]), 0, posterior)  # though frames before lead there
         column = int(self._model.worth(posterior[None])[0].argmax())
@@ -204,10 +204,10 @@ class Localizer:
 
     def _posterior(self, scores: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
         """Probability of every place, and of none."""
-        if self._seen.maxlen == 1:
-            found, away = place_posterior(scores, self._calibration)
-            return np.asarray(found), float(away)
-        return window_posterior(self._seen, len(self._order), self._model)
+        if self._window is not None:
+            return self._window.add(scores)
+        found, away = place_posterior(scores, self._calibration)
+        return np.asarray(found), float(away)
 
     def _best_frame(self, scores: NDArray[np.float32], column: int) -> int:
         starts = self._order.starts
