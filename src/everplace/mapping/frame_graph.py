@@ -25,7 +25,7 @@ __all__ = ["FrameGraph"]
 _ENDING = ".hnsw"
 _NEIGHBOURS = 16
 _EFFORT_TO_BUILD = 100
-_EFFORT = 512
+_EFFORT = 768
 _DIGEST = 32
 
 

@@ -37,13 +37,13 @@ class FrameScores:
     """What one frame scores.
 
     Attributes:
-        frames: (N,) cosines with the frames of the map, in the order of `PlaceFrames.rows`; -inf: left out, or not
-            looked at.
         places: (P,) of every place; NaN: all of its frames are left out.
+        frames: (N,) cosines with the frames of the map, in the order of `PlaceFrames.rows`, -inf: left out; None: most
+            were not looked at.
     """
 
-    frames: NDArray[np.float32]
     places: NDArray[np.float32]
+    frames: NDArray[np.float32] | None = None
 
 
 class PlaceSearch:
@@ -59,9 +59,11 @@ class PlaceSearch:
         """
         self._vectors, self._order, self._graph = vectors, order, graph
         self._sampled = np.array(spread(len(order), _SAMPLED), np.int64)
-        ends = np.append(order.starts[1:], len(vectors))
-        self._sampled_frames = np.concatenate([np.arange(order.starts[k], ends[k]) for k in self._sampled])
-        self._ends = ends
+        self._ends = np.append(order.starts[1:], len(vectors))
+        if graph is not None:
+            self._place_of = np.repeat(np.arange(len(order)), self._ends - order.starts)
+            self._sampled_frames = np.flatnonzero(np.isin(self._place_of, self._sampled))
+            self._sampled_vectors = vectors[self._sampled_frames]
 
     def scores(self, vector: NDArray[np.float32], left_out: NDArray[np.bool_] | None = None) -> FrameScores:
         """Scores a frame.
@@ -74,19 +76,21 @@ class PlaceSearch:
             frames = (vector[None] @ self._vectors.T)[0]
             if left_out is not None:
                 frames[left_out] = -np.inf
-            return FrameScores(frames, _none_as_nan(self._order.fuse(frames)))
-        looked_at = np.append(self._sampled_frames, self._graph.nearest(vector, _CANDIDATES, left_out))
-        frames = np.full(len(self._vectors), -np.inf, np.float32)
-        frames[looked_at] = self._vectors[looked_at] @ vector
+            return FrameScores(_none_as_nan(self._order.fuse(frames)), frames)
+        nearest = self._graph.nearest(vector, _CANDIDATES, left_out)
+        best = self._vectors[nearest] @ vector
+        others = self._sampled_vectors @ vector
         if left_out is not None:
-            frames[left_out] = -np.inf
-        worst = frames[looked_at[len(self._sampled_frames) :]].min(initial=np.inf)
-        places = self._order.fuse(frames)
+            others[left_out[self._sampled_frames]] = -np.inf
+        places = np.full(len(self._order), -np.inf, np.float32)
+        np.maximum.at(places, self._place_of[self._sampled_frames], others)
+        np.maximum.at(places, self._place_of[nearest], best)
+        worst = best.min(initial=np.inf)
         unseen = np.isneginf(places)
         if left_out is not None:
             unseen &= ~np.logical_and.reduceat(left_out, self._order.starts)
         places[unseen] = np.minimum(self._from_sample(places, worst), worst)[unseen]
-        return FrameScores(frames, _none_as_nan(places))
+        return FrameScores(_none_as_nan(places))
 
     def best_frame(
         self, vector: NDArray[np.float32], found: FrameScores, column: int, left_out: NDArray[np.bool_] | None = None
@@ -100,8 +104,9 @@ class PlaceSearch:
             left_out: As for `scores`.
         """
         here = slice(self._order.starts[column], self._ends[column])
-        frames = found.frames[here]
-        if self._graph is not None:  # of a place, only the best frame may have been looked at
+        if found.frames is not None:
+            frames = found.frames[here]
+        else:
             frames = self._vectors[here] @ vector
             if left_out is not None:
                 frames[left_out[here]] = -np.inf
