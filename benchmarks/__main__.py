@@ -15,6 +15,7 @@ from benchmarks import (
     beside_work,
     describing,
     fabmap,
+    large_map,
     memory,
     methods,
     opening,
@@ -34,6 +35,7 @@ STUDIES = {
     "opening": opening.measure,
     "scores": scores.measure,
     "sequences": sequences.measure,
+    "large-map": large_map.measure,
 }
 
 

@@ -163,3 +163,19 @@ def test_compare_tells_both_versions(unchanged_three_map: Path) -> None:
     assert earlier.split()[:2] == ["1", f"{compared['versions'][0]['recall']:.3f}"]
     assert newest.endswith("summer, autumn, winter, which this drive taught")
     assert "has no version 7" in refused("map", "compare", unchanged_three_map, "7", "winter")
+
+
+def test_a_picture_of_how_right_the_answers_are(
+    unchanged_three_map: Path, unchanged_summer_map: Path, tmp_path: Path
+) -> None:
+    picture = tmp_path / "reliability.png"
+    info = asked("info", unchanged_three_map, "--figure", picture)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert info["figure"] == str(picture)
+    assert info["reliability"]["answers"] > 50
+    assert asked("info", unchanged_three_map)["reliability"] == info["reliability"]
+    assert asked("info", unchanged_summer_map)["reliability"] is None
+    message = refused("map", "info", unchanged_summer_map, "--figure", tmp_path / "none.png")
+    assert "nothing shows how right its answers are; add a drive with `everplace map add`" in message
+    assert not (tmp_path / "none.png").exists()
+    assert "--figure" in refused("map", "info", unchanged_three_map, "--figure", tmp_path / "answers.txt")

@@ -125,6 +125,31 @@ def test_frames_left_out_are_no_answer_though_those_before_lead_there(
         assert number < 20 or abs(answer.place - number) >= 10
 
 
+@pytest.mark.parametrize("name", ["autumn", "winter"])
+def test_a_robot_that_stands_is_where_it_came_to(
+    unchanged_summer_map: Path, unchanged_rendered_route: Path, name: str
+) -> None:
+    """In front of the places that a frame alone finds worst, with the noise of a camera."""
+    images = images_of(unchanged_rendered_route / name)
+    rng = np.random.default_rng(0)
+
+    def noisy(place: int) -> list[np.ndarray]:
+        return [np.clip(images[place] + rng.normal(0, 1, images[place].shape), 0, 255).astype(np.uint8) for _ in "123"]
+
+    alone = Localizer(unchanged_summer_map, sequence=1)
+    worst = np.argsort([alone.locate(image).probability for image in images])
+    for place in [one for one in worst.tolist() if one >= 10][:3]:
+        localizer = Localizer(unchanged_summer_map)
+        for image in images[: place + 1]:
+            before = localizer.locate(image)
+        shown = noisy(place)
+        for number in range(100):
+            after = localizer.locate(shown[number % 3])
+        assert abs(after.place - before.place) <= 1
+        assert after.probability >= before.probability - 0.15
+        assert len(localizer.state()) <= 10
+
+
 OTHER = """
 import sys
 import numpy as np

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from everplace.mapping.calibration import PROVISIONAL, likelihood_ratios_of
-from everplace.mapping.frame_window import MAP_MODEL, window_posterior
+from everplace.mapping.frame_window import MAP_MODEL
 from everplace.mapping.map_learning import _sequence_answers, _whole_stretches
+from everplace.sequences.belief import Belief
 
 
 @given(count=st.integers(1, 30_000))
@@ -33,8 +34,12 @@ def test_a_window_holds_frames_in_a_row_alone() -> None:
     apart = np.arange(40) == 20
     probability, right = _sequence_answers(scores, true, apart, PROVISIONAL)
     for query, first in ((19, 10), (20, 20), (24, 20), (35, 26)):
-        window = [likelihood_ratios_of(row, PROVISIONAL) for row in scores[first : query + 1]]
-        posterior, _ = window_posterior(window, 90)
+        belief = Belief.start(MAP_MODEL, 1, 90)
+        for number, row in enumerate(scores[first : query + 1]):
+            if number:
+                belief.move(MAP_MODEL)
+            belief.see(likelihood_ratios_of(row, PROVISIONAL))
+        posterior = belief.places[0]
         place = int(MAP_MODEL.worth(posterior[None])[0].argmax())
         assert probability[query] == pytest.approx(posterior[max(place - 1, 0) : place + 2].sum(), rel=1e-5)
         assert right[query] == (abs(place - true[query]) <= 1)

@@ -66,7 +66,8 @@ def localize(
     from everplace.mapping.localizer import Localizer
 
     stream = open_stream(source)
-    localizer = Localizer(map_, sequence=length)
+    progress = show_progress()
+    localizer = Localizer(map_, sequence=length, progress=progress)
     name = name or stream.name
     if exclude is not None and name not in localizer.map.drives:
         raise ConfigError(
@@ -76,7 +77,7 @@ def localize(
     least = localizer.threshold(precision)
     kept: list[LocatedFrame] = []
     places: Counter[bool] = Counter()
-    frames = show_progress()(stream.frames, f"localizing {stream.name}", stream.count)
+    frames = progress(stream.frames, f"localizing {stream.name}", stream.count)
     for number, frame in enumerate(frames):
         answer = localizer.locate(
             frame.image, frame.seconds, excluded=None if exclude is None else (name, number, exclude)

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from everplace.cli.options import Json
-from everplace.cli.output import show_progress, show_result, warn
+from everplace.cli.output import require_file, show_progress, show_result, warn
 from everplace.errors import MapError
 from everplace.files import readable
 
@@ -106,14 +106,38 @@ def remove(map_: MapArgument, name: Annotated[str, typer.Argument(metavar="NAME"
 
 
 @app.command()
-def info(map_: MapArgument, *, as_json: Json = False) -> None:
+def info(
+    map_: MapArgument,
+    *,
+    figure: Annotated[
+        Path | None,
+        typer.Option("--figure", metavar="FILE", help="Draw how right its answers are, by the probability they give."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
     """Show a map's drives, places by condition, calibration and size.
 
-    Example: everplace map info my-map
+    Example: everplace map info my-map --figure my-map.png
     """
+    if figure is not None:
+        require_file(figure, (".png", ".svg", ".pdf"), "--figure")
+    from everplace.mapping.answer_reliability import answer_reliability, reliability_figure
     from everplace.mapping.route_map import Map
 
-    show_result(Map.open(map_).info(), as_json)
+    opened = Map.open(map_)
+    found = answer_reliability(opened)
+    if figure is not None:
+        if found is None:
+            raise MapError(
+                f"the map {readable(map_)} has matched too few frames of other drives surely to hold some out, so "
+                "nothing shows how right its answers are; add a drive with `everplace map add`"
+            )
+        from everplace.plots.canvas import save_figure
+
+        save_figure(reliability_figure(found), figure)
+    reliability = None if found is None else found.to_dict()
+    result = {**opened.info(), "reliability": reliability}
+    show_result(result if figure is None else {**result, "figure": str(figure)}, as_json)
 
 
 @app.command()

@@ -1,40 +1,116 @@
-"""The last frames of a drive on a map, taken together."""
+"""The last frames of a drive on a map, taken together.
+
+A standing robot sees one view again and again, with its chance matches. Were each of these frames heard, ten of them
+would push all others out of the window, and say ten times what one has said. So a frame that shows the last view again
+counts as one with it, and of one that shows it in part only the rest is heard: as in
+`everplace.sequences.route_filter.filter_windows`, whose parts these are.
+"""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.sequences.belief import Belief
+from everplace.mapping.calibration import Calibration, likelihood_ratios_of
+from everplace.sequences.belief import Course
+from everplace.sequences.evidence import likelihood_ratios, standardised
+from everplace.sequences.frame_change import View, change_in_steps
 from everplace.sequences.route_model import RouteModel
 
-__all__ = ["MAP_MODEL", "SEQUENCE", "window_posterior"]
+__all__ = ["MAP_MODEL", "SEQUENCE", "FrameWindow"]
 
 SEQUENCE = 10
 """Frames that an answer rests on, unless somebody asks for another number."""
 
-MAP_MODEL = RouteModel(leave=0.02)
-"""What is assumed of a drive on a map. It leaves the map more often than in a comparison; chosen on rendered worlds."""
+MAP_MODEL = RouteModel(leave=0.02, repeat=0.05)
+"""What is assumed of a drive on a map. It leaves the map more often than in a comparison, and the noise of its camera
+may change a view more; chosen on rendered worlds and on Nordland's places 0 to 1,019."""
 
 
-def window_posterior(
-    ratios: Iterable[NDArray[np.float64]], places: int, model: RouteModel = MAP_MODEL
-) -> tuple[NDArray[np.float64], float]:
-    """Where the last of some frames was taken, given all of them and nothing before.
+class FrameWindow:
+    """Where the newest frame was taken, given the last L views of the drive and nothing before.
 
-    Args:
-        ratios: (P,) of each frame, of `everplace.mapping.calibration.likelihood_ratios_of`.
-        places: P.
-        model: What is assumed of the drive.
-
-    Returns:
-        (P,) probability of every place, and that of being off the map; together they sum to 1.
+    A frame costs time in proportion to L and to the number of places, also where it is the 500th of one view.
     """
-    belief = Belief.start(model, 1, places)
-    for number, frame in enumerate(ratios):
-        if number:
-            belief.move(model)
-        belief.see(frame)
-    return belief.places[0], float(belief.off[0])
+
+    def __init__(self, length: int, calibration: Calibration, model: RouteModel = MAP_MODEL) -> None:
+        """Begins a drive.
+
+        Args:
+            length: L, at least 1.
+            calibration: How scores are to be read.
+            model: What is assumed of the drive.
+        """
+        self._calibration, self._model = calibration, model
+        self._views: deque[_View] = deque(maxlen=length)
+
+    def add(self, scores: NDArray[Any]) -> tuple[NDArray[np.float64], float]:
+        """Takes the next frame.
+
+        Args:
+            scores: (P,) cosines with the places, higher = more alike; NaN: none.
+
+        Returns:
+            (P,) probability of every place, and that of being off the map; together they sum to 1.
+        """
+        shown = likelihood_ratios(standardised(scores), self._model)
+        view = View.of(shown)
+        if self._views and change_in_steps(self._views[-1].view, view) < self._model.repeat:
+            self._go_on()
+        else:
+            self._see(np.asarray(scores, np.float64), shown, view)
+        belief = self._views[0].course.belief
+        return belief.places[0], float(belief.off[0])
+
+    def state(self) -> list[NDArray[np.float64]]:
+        """Of each view (P + 1,): its scores, and how many frames showed it."""
+        return [np.append(one.scores, one.frames) for one in self._views]
+
+    def restore(self, state: Iterable[NDArray[np.float64]]) -> None:
+        """Goes on where `state` was taken."""
+        self._views.clear()
+        for row in state:
+            scores = row[:-1]
+            shown = likelihood_ratios(standardised(scores), self._model)
+            self._see(scores, shown, View.of(shown))
+            for _ in range(int(row[-1]) - 1):
+                self._go_on()
+
+    def _see(self, scores: NDArray[np.float64], shown: NDArray[np.float64], view: View) -> None:
+        """Takes a frame that shows something new."""
+        if len(self._views) == self._views.maxlen:
+            self._views.popleft()
+        ratios = likelihood_ratios_of(scores, self._calibration)
+        for one in self._views:
+            one.course.follow(ratios, True, self._model)
+        self._views.append(_View(scores, shown, view, Course.begin(ratios, self._model)))
+
+    def _go_on(self) -> None:
+        """Takes a frame that shows the last view again; what that shows of its place, the route model says."""
+        self._views[-1].frames += 1
+        for one in self._views:
+            one.course.follow(self._views[-1].shown, False, self._model)
+
+
+@dataclass(slots=True, eq=False)
+class _View:
+    """A view of the window.
+
+    Attributes:
+        scores: (P,) of its first frame.
+        shown: (P,) what they say of the places, by the route model.
+        view: The same, to be compared with other frames.
+        course: Of a robot that knows nothing before this view.
+        frames: How many frames showed it.
+    """
+
+    scores: NDArray[np.float64]
+    shown: NDArray[np.float64]
+    view: View
+    course: Course
+    frames: int = 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections import deque
+import warnings
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -11,15 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.describe.runs.adapted import AdaptedDescriber
-from everplace.errors import MapError
+from everplace.errors import MapError, MissingExtraError
 from everplace.images.decoding import convert_image
-from everplace.mapping.calibration import likelihood_ratios_of, place_posterior
+from everplace.mapping import place_search
+from everplace.mapping.calibration import place_posterior
 from everplace.mapping.described_drive import how_it_looks
-from everplace.mapping.frame_window import MAP_MODEL, SEQUENCE, window_posterior
+from everplace.mapping.frame_graph import FrameGraph
+from everplace.mapping.frame_window import MAP_MODEL, SEQUENCE, FrameWindow
 from everplace.mapping.place_scores import PlaceFrames
+from everplace.mapping.place_search import PlaceSearch
 from everplace.mapping.reliability import threshold_for
 from everplace.mapping.route_map import Map
 from everplace.match.similarity import directions
+from everplace.progress import Progress, quiet, shown
 from everplace.route.traverse import Pose
 from everplace.sequences.route_model import RouteModel
 
@@ -67,14 +71,21 @@ class Localizer:
     """Answers frame by frame from one version of a map."""
 
     def __init__(
-        self, map_: Map | str | os.PathLike[str], *, sequence: int = SEQUENCE, model: RouteModel | None = None
+        self,
+        map_: Map | str | os.PathLike[str],
+        *,
+        sequence: int = SEQUENCE,
+        model: RouteModel | None = None,
+        progress: Progress = quiet,
     ) -> None:
         """Reads what it needs of the map.
 
         Args:
             map_: The map, or its address.
-            sequence: Frames that an answer rests on, the last ones (the sequence filter); 1: each frame alone.
+            sequence: Frames that an answer rests on, the last ones (the sequence filter); those that show one view
+                again, as of a robot that stands, count as one; 1: each frame alone.
             model: What is assumed of the drive; None: the defaults.
+            progress: Told of a search graph that is built (`everplace.mapping.place_search`).
 
         Raises:
             MapError: The map is missing, damaged, or made with what is not here.
@@ -85,7 +96,8 @@ class Localizer:
         places = np.asarray(table["place"])
         self._order = PlaceFrames(places, np.asarray(table["position"]))
         rows = self._order.rows
-        self._vectors = directions(opened.descriptors()[rows])
+        vectors = directions(opened.descriptors()[rows])
+        self._search = PlaceSearch(vectors, self._order, _graph_of(opened, vectors, progress))
         stems, drives = table["stem"].to_pylist(), np.array(table["drive"].to_pylist())
         self._stems = [stems[row] for row in rows.tolist()]
         self._drives = drives[rows]
@@ -94,7 +106,7 @@ class Localizer:
         self._calibration = opened.calibration
         self._conditions = opened.condition_model
         self._model = MAP_MODEL if model is None else model
-        self._seen: deque[NDArray[np.float64]] = deque(maxlen=sequence)
+        self._window = FrameWindow(sequence, self._calibration, self._model) if sequence > 1 else None
         self._numbers = np.asarray(table["number"])[rows]
 
     @property
@@ -126,8 +138,9 @@ class Localizer:
         return float(least)
 
     def state(self) -> NDArray[np.float64]:
-        """L×P: what it knows of the drive so far, to go on with `restore` in another process."""
-        return np.array(list(self._seen)).reshape(-1, len(self._order))
+        """L×(P + 1): what it knows of the drive so far, to go on with `restore` in another process."""
+        views = [] if self._window is None else self._window.state()
+        return np.array(views).reshape(-1, len(self._order) + 1)
 
     def restore(self, state: NDArray[np.float64]) -> None:
         """Goes on where `state` was taken, on the same version of the map.
@@ -135,10 +148,10 @@ class Localizer:
         Raises:
             MapError: It is of another map, or of another version.
         """
-        if state.ndim != 2 or state.shape[1] != len(self._order):
+        if state.ndim != 2 or state.shape[1] != len(self._order) + 1:
             raise MapError("this state is of another map, or of another version of it; begin anew")
-        self._seen.clear()
-        self._seen.extend(np.asarray(state, np.float64))
+        if self._window is not None:
+            self._window.restore(np.asarray(state, np.float64))
 
     def locate(
         self, image: NDArray[np.uint8], time: float | None = None, *, excluded: tuple[str, int, int] | None = None
@@ -174,25 +187,23 @@ class Localizer:
             time: Seconds; handed on.
             excluded: As for `locate`.
         """
-        vector = directions(self._adapted.project(features[None].astype(np.float32, copy=False)))
-        frames = vector @ self._vectors.T
+        vector = directions(self._adapted.project(features[None].astype(np.float32, copy=False)))[0]
+        left_out = None
         if excluded is not None:
             drive, number, distance = excluded
-            frames[0, (self._drives == drive) & (np.abs(self._numbers - number) < distance)] = -np.inf
-        scores = self._order.fuse(frames)
-        scores[np.isneginf(scores)] = np.nan
-        self._seen.append(likelihood_ratios_of(scores[0], self._calibration))
-        posterior, off = self._posterior(scores[0])
-        posterior = np.where(np.isnan(scores[0]), 0, posterior)  # though frames before lead there
+            left_out = (self._drives == drive) & (np.abs(self._numbers - number) < distance)
+        found = self._search.scores(vector, left_out)
+        posterior, off = self._posterior(found.places)
+        posterior = np.where(np.isnan(found.places), 0, posterior)  # though frames before lead there
         column = int(self._model.worth(posterior[None])[0].argmax())
-        best = self._best_frame(frames[0], column)
+        best, score = self._search.best_frame(vector, found, column, left_out)
         near = float(posterior[max(column - _REACH, 0) : column + _REACH + 1].sum())
         pose = self._poses[best]
         return MapAnswer(
             place=int(self._order.places[column]),
             drive=str(self._drives[best]),
             database_frame=self._stems[best],
-            score=max(float(frames[0, best]), -1.0),
+            score=max(score, -1.0),
             probability=min(max(near, 0.0), 1.0),
             off_map=min(max(off, 0.0), 1.0),
             condition=self._conditions.posterior(looks),
@@ -204,12 +215,25 @@ class Localizer:
 
     def _posterior(self, scores: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
         """Probability of every place, and of none."""
-        if self._seen.maxlen == 1:
-            found, away = place_posterior(scores, self._calibration)
-            return np.asarray(found), float(away)
-        return window_posterior(self._seen, len(self._order), self._model)
+        if self._window is not None:
+            return self._window.add(scores)
+        found, away = place_posterior(scores, self._calibration)
+        return np.asarray(found), float(away)
 
-    def _best_frame(self, scores: NDArray[np.float32], column: int) -> int:
-        starts = self._order.starts
-        end = starts[column + 1] if column + 1 < len(starts) else len(scores)
-        return int(starts[column] + scores[starts[column] : end].argmax())
+
+def _graph_of(opened: Map, vectors: NDArray[np.float32], progress: Progress) -> FrameGraph | None:
+    """The graph that is searched; None: the search is exact.
+
+    A map of few frames needs none, and an earlier version is asked too seldom for one to be built.
+    """
+    if len(vectors) < place_search.EXACT_BELOW or not opened.newest:
+        return None
+    try:
+        return shown(
+            progress,
+            f"preparing the search among {len(vectors):,} frames",
+            lambda: FrameGraph.kept(vectors, opened.graph_directories),
+        )
+    except MissingExtraError as error:
+        warnings.warn(f"{error}; until then every frame is compared with all of the map", stacklevel=3)
+        return None

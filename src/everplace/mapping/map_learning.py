@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,8 +15,8 @@ from everplace.adaptation.moments import Moments
 from everplace.adaptation.place_weights import pair_weights, place_weights
 from everplace.adaptation.prior import Prior
 from everplace.adaptation.route_adaptation import taught_projection
-from everplace.mapping.calibration import PROVISIONAL, Calibration, fit_calibration, likelihood_ratios_of
-from everplace.mapping.frame_window import MAP_MODEL, SEQUENCE, window_posterior
+from everplace.mapping.calibration import PROVISIONAL, Calibration, fit_calibration
+from everplace.mapping.frame_window import MAP_MODEL, SEQUENCE, FrameWindow
 from everplace.mapping.place_scores import PlaceFrames
 from everplace.match.similarity import directions
 from everplace.route.selection import spread
@@ -190,17 +189,16 @@ def _sequence_answers(
         calibration: How the scores are read.
     """
     probability, right = np.empty(len(scores), np.float32), np.empty(len(scores), np.bool_)
-    window: deque[NDArray[np.float64]] = deque(maxlen=SEQUENCE)
+    window = FrameWindow(SEQUENCE, calibration)
     for query, scored in enumerate(scores):
         row = scored.copy()
         if apart[query]:
-            window.clear()
+            window = FrameWindow(SEQUENCE, calibration)
         stretch = query // _STRETCH
         if stretch % _OFF_EVERY == _OFF_EVERY // 2:  # the places of this stretch are hidden, as on a detour
             around = true[stretch * _STRETCH : (stretch + 1) * _STRETCH]
             row[max(int(around.min()) - _GUARD, 0) : int(around.max()) + _GUARD + 1] = np.nan
-        window.append(likelihood_ratios_of(row, calibration))
-        posterior, _ = window_posterior(window, scores.shape[1])
+        posterior, _ = window.add(row)
         place = int(MAP_MODEL.worth(posterior[None])[0].argmax())
         probability[query] = posterior[max(place - _REACH, 0) : place + _REACH + 1].sum()
         right[query] = abs(place - int(true[query])) <= _REACH and not np.isnan(row[true[query]])

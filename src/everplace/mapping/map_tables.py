@@ -8,6 +8,7 @@ sees half of a change, whatever a writer does meanwhile or wherever it was kille
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.errors import MapError, StorageError
-from everplace.files import readable
+from everplace.files import cache_directory, readable
 from everplace.mapping.image_statistics import STATISTICS
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ FORMAT = 1
 _OWN_NAME = re.compile(r"^lance error: (LanceError\(\w+\): )?")
 _OWN_SOURCE = re.compile(r", \S+\.rs:[0-9:]+$")
 _FRAMES, _DESCRIPTORS, _STATES = "frames", "descriptors", "states"
+_GRAPH = "graph"
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +84,12 @@ class MapTables:
         return None if "://" in self.address else Path(self.address)
 
     @property
+    def graph_directories(self) -> tuple[Path, ...]:
+        """Where the graph of the frames is kept: beside the tables, or else in the user's cache."""
+        cache = cache_directory("map-graphs") / hashlib.sha256(self.address.encode()).hexdigest()[:16]
+        return (cache,) if self.local is None else (self.local / _GRAPH, cache)
+
+    @property
     def exist(self) -> bool:
         """Whether a map stands there, be it one whose creation was stopped."""
         return _STATES in self._names()
@@ -94,7 +102,7 @@ class MapTables:
     @property
     def others(self) -> list[str]:
         """What lies in the directory and is of no map."""
-        ours = {f"{name}.lance" for name in (_FRAMES, _DESCRIPTORS, _STATES)} | {".lock"}
+        ours = {f"{name}.lance" for name in (_FRAMES, _DESCRIPTORS, _STATES)} | {".lock", _GRAPH}
         there = () if self.local is None or not self.local.is_dir() else self.local.iterdir()
         return sorted(path.name for path in there if path.name not in ours)
 
@@ -166,6 +174,10 @@ class MapTables:
         if not states:
             raise MapError(f"the map {readable(self.address)} is empty: its creation was stopped; make it anew")
         return states
+
+    def newest_version(self) -> int:
+        """Number of the newest version; 0: none."""
+        return max(self._read(self._open(_STATES), ["version"])["version"].to_pylist(), default=0)
 
     def frames(self, state: MapState, columns: Sequence[str]) -> pa.Table:
         """The frames of a version, in the order of drives and frames.

@@ -213,6 +213,16 @@ class Map:
         }
         return ConditionModel.from_arrays({**arrays, "conditions": np.array(self.document["known_conditions"])})
 
+    @property
+    def newest(self) -> bool:
+        """Whether it is still the newest version."""
+        return self._tables.newest_version() == self.version
+
+    @property
+    def graph_directories(self) -> tuple[Path, ...]:
+        """Where the graph of its frames is kept (`everplace.mapping.frame_graph`), the first that can be written to."""
+        return self._tables.graph_directories
+
     def describer(self) -> Describer:
         """The map's method, opened once.
 

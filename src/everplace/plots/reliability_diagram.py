@@ -59,7 +59,8 @@ def draw_reliability(axes: Axes, bins: Bins, *, error: float | None = None) -> B
         )  # fmt: skip
     polish(axes)
     axes.set_xlim(0.0, 1.0)
-    axes.set_ylim(0.0, 1.08)  # room for the numbers over full bars
+    axes.set_ylim(0.0, 1.2)  # room for the numbers over full bars, and for the legend
+    axes.set_yticks(np.linspace(0, 1, 6))
     axes.set_xlabel("probability of the answer")
     axes.set_ylabel("share that is right")
     if error is not None:
@@ -67,6 +68,6 @@ def draw_reliability(axes: Axes, bins: Bins, *, error: float | None = None) -> B
     set_legend(
         axes, [bars.patches[0], given, diagonal],
         ["share that is right, 95 % interval", "mean probability", "probability kept"],
-        loc="upper left",
+        loc="upper center", ncols=3, fontsize=7.5, columnspacing=1.2,
     )  # fmt: skip
     return bars
