@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from dataclasses import replace
 from itertools import pairwise
@@ -62,6 +63,14 @@ def test_one_drive_then_a_later_one_make_it_better(route: Route, tmp_path: Path)
         {"name": "winter", "frames": 60, "pairs": len(drive.pairs.frames), "share": round(drive.pairs.share, 4),
          "right": drive.right}
     ]  # fmt: skip
+    told = json.loads((tmp_path / "taught" / "pairs.json").read_text())
+    assert (told["map"], len(told["drives"][0]["matches"])) == ("summer", 60)
+    assert sum(row["sure"] for row in told["drives"][0]["matches"]) == len(drive.pairs.frames)
+    assert (
+        f"{len(drive.pairs.frames)} ({drive.pairs.share:.0%}) found"
+        in (tmp_path / "taught" / "report.html").read_text()
+    )
+    assert not (tmp_path / "one" / "report.html").exists()
     run = ep.load(tmp_path / "taught")
     assert run.settings() == taught.describer.settings()
     frames = route["winter"][:3]

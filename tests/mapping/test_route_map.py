@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -47,6 +48,34 @@ def test_a_new_map_says_what_it_is(unchanged_summer_map: Path) -> None:
     assert table["place"].to_pylist() == list(range(60))
     assert np.isfinite(np.asarray(table["x"])).all()
     assert m.verify() == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("named", [True, False], ids=["names agree", "names are others"])
+def test_a_page_shows_what_the_images_of_an_added_drive_say(
+    summer_map: Path, unchanged_rendered_route: Path, tmp_path: Path, named: bool
+) -> None:
+    drive = tmp_path / "autumn"
+    drive.mkdir()
+    for frame in (unchanged_rendered_route / "autumn").glob("*.png"):
+        shutil.copy(frame, drive / (frame.name if named else f"x{frame.name}"))
+    added = Map.open(summer_map).add(drive, report=tmp_path / "page", details={"command": "everplace map add"})
+    assert added.how == ("names" if named else "images")
+    told = json.loads((tmp_path / "page" / "pairs.json").read_text())
+    (matched,) = told["drives"]
+    assert (matched["name"], matched["frames"]) == ("autumn", 60)
+    assert matched["pairs"] > 30
+    assert matched["right"] is None if not named else matched["right"] > 0.9
+    page = (tmp_path / "page" / "report.html").read_text()
+    assert "everplace map add" in page
+    assert page.count("data:image/webp") >= 2
+
+
+@pytest.mark.parametrize("align", ["names", "poses"])
+def test_a_page_of_what_nobody_looked_at_is_refused(summer_map: Path, tmp_path: Path, align: Align) -> None:
+    with pytest.raises(ConfigError, match=f"`report` shows what the images say, which `align` {align} does not ask"):
+        Map.open(summer_map).add(summer_map, align=align, report=tmp_path / "page")
+    assert not (tmp_path / "page").exists()
 
 
 def test_drives_added_teach_and_are_told(unchanged_three_map: Path) -> None:

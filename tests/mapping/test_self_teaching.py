@@ -57,6 +57,17 @@ def test_a_drive_along_the_map_is_matched(driven: NDArray[np.int64]) -> None:
     assert (pairs.log_odds > 2).all()
 
 
+def test_what_was_found_for_frames_that_are_not_sure_is_told_too() -> None:
+    driven = np.r_[0:60, 90:150]
+    pairs = sure_pairs(seen(MAP, 1), seen(np.concatenate([MAP[:60], views(30, 7), MAP[90:]]), 2))
+    assert pairs.matches is not None
+    assert len(pairs.matches.places) == len(pairs.matches.log_odds) == 150
+    np.testing.assert_array_equal(pairs.matches.places[pairs.frames], pairs.places)
+    np.testing.assert_array_equal(pairs.matches.log_odds[pairs.frames], pairs.log_odds)
+    assert len(np.intersect1d(pairs.frames, driven)) > 0.6 * len(driven)
+    assert np.median(pairs.matches.log_odds[60:90]) < 2 < np.median(pairs.matches.log_odds[driven])
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_a_drive_of_elsewhere_has_no_pair(seed: int) -> None:
     pairs = sure_pairs(seen(MAP, 1), seen(views(200, 100 + seed), 2))

@@ -10,7 +10,15 @@ import typer
 
 from everplace.cli import options
 from everplace.cli.option_groups import RouteOptions, grouped
-from everplace.cli.output import require_directory, require_file, require_outside, show_progress, show_result, warn
+from everplace.cli.output import (
+    provenance,
+    require_directory,
+    require_file,
+    require_outside,
+    show_progress,
+    show_result,
+    warn,
+)
 
 if TYPE_CHECKING:
     from everplace.route.traverse import Traverse
@@ -67,6 +75,7 @@ def adapt(
         selection=places.selection(),
         teach_frames=parse_frames(teach_frames, "--teach-frames") if teach_frames else None,
         save_prior=save_prior,
+        details=provenance(),
         progress=show_progress(),
     )
     if result.describer.dimension < dimensions:

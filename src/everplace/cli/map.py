@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from everplace.cli.options import Json
-from everplace.cli.output import require_file, show_progress, show_result, warn
+from everplace.cli.output import provenance, require_directory, require_file, show_progress, show_result, warn
 from everplace.errors import MapError
 from everplace.files import readable
 
@@ -70,6 +70,9 @@ def add(
     ] = "auto",
     poses: Poses = None,
     no_learn: Annotated[bool, typer.Option("--no-learn", help="Leave the map's descriptor as it is.")] = False,
+    report: Annotated[
+        Path | None, typer.Option("--report", metavar="DIR", help="Write a page of what the images show, to look at.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Align a drive with a map, add it, and learn from what is sure.
@@ -80,9 +83,19 @@ def add(
 
     from everplace.mapping.route_map import Map
 
+    if report is not None:
+        require_directory(report, "--report")
     opened = Map.open(map_)
     added = opened.add(
-        drive, name=name, condition=condition, align=align, poses=poses, learn=not no_learn, progress=show_progress()
+        drive,
+        name=name,
+        condition=condition,
+        align=align,
+        poses=poses,
+        learn=not no_learn,
+        report=report,
+        details=provenance(),
+        progress=show_progress(),
     )
     if added.agreement is not None and added.how == "images" and align == "auto":
         warn(

@@ -40,6 +40,7 @@ class Placement:
         sure: (M,) whether the frame's place is one that the map had.
         between: (M,) the map's place that a frame of -1 is most likely next to; -1 elsewhere.
         agreement: Share of the sure matches of the image search that the names agree with; None: nobody looked.
+        seen: What the image search found, with columns of the map's places; None: nobody looked.
     """
 
     how: str
@@ -48,6 +49,7 @@ class Placement:
     sure: NDArray[np.bool_]
     between: NDArray[np.int64]
     agreement: float | None = None
+    seen: SurePairs | None = None
 
     @property
     def new(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,37 +24,25 @@ from everplace.describe.registry import open_describer
 from everplace.describe.runs.adapted import AdaptedDescriber, write_adapted
 from everplace.errors import ConfigError, RouteError
 from everplace.files import readable, require_free_directory, whole_directory
-from everplace.images.decoding import decode_images
+from everplace.images.decoding import ImageSpec, decode_image, decode_images
 from everplace.mapping.described_drive import light_moments as moments_of_images
 from everplace.mapping.placement import pairs_by_name
 from everplace.mapping.self_teaching import SurePairs, sure_pairs
+from everplace.mapping.taught_drive import TaughtDrive, places_by_name
+from everplace.mapping.teaching_report import ShownDrive, write_teaching_report
 from everplace.match.standardise import require_standardisable
+from everplace.plots.canvas import Image
 from everplace.progress import Progress, quiet, shown
 from everplace.route.fingerprint import image_digests
 from everplace.route.route import Route
 from everplace.route.selection import Selection, select, spread
 from everplace.route.traverse import Traverse
 
-__all__ = ["Adaptation", "Learning", "TaughtDrive", "adapt", "drive_statistics", "light_moments"]
+__all__ = ["Adaptation", "Learning", "adapt", "drive_statistics", "light_moments"]
 
 _LIGHT_FRAMES = 512
 """Frames of the map that are looked at in other light."""
 _ROUNDS = 2
-
-
-@dataclass(frozen=True, eq=False)
-class TaughtDrive:
-    """What one drive taught.
-
-    Attributes:
-        name: The traverse.
-        pairs: Its frames with their places on the map.
-        right: Share of the pairs within one place of the frame of the same name, where names are places; else None.
-    """
-
-    name: str
-    pairs: SurePairs
-    right: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,16 +68,7 @@ class Adaptation:
         return {
             **self.settings,
             "dimension": self.describer.dimension,
-            "drives": [
-                {
-                    "name": drive.name,
-                    "frames": drive.pairs.of,
-                    "pairs": len(drive.pairs.frames),
-                    "share": round(drive.pairs.share, 4),
-                    "right": drive.right,
-                }
-                for drive in self.drives
-            ],
+            "drives": [drive.summary() for drive in self.drives],
         }
 
 
@@ -104,6 +83,7 @@ def adapt(
     selection: Selection | None = None,
     teach_frames: slice | None = None,
     save_prior: str | os.PathLike[str] | None = None,
+    details: Mapping[str, str] | None = None,
     progress: Progress = quiet,
 ) -> Adaptation:
     """Adapts a descriptor to a route, in closed form.
@@ -124,6 +104,7 @@ def adapt(
         selection: Which places take part.
         teach_frames: Of the further traverses, the places that teach; None: all.
         save_prior: File to write this route's scatter within places to, as a prior for other routes.
+        details: Where the report comes from, such as the command: self-taught, `out` holds a page of what was matched.
         progress: Told of the describing and solving.
 
     Raises:
@@ -165,7 +146,11 @@ def adapt(
     projection, weight = shown(progress, "solving for the descriptor", lambda: learn.solved(pairs))
     drives = tuple(
         TaughtDrive(
-            drive.name, found, _right(drive, map_drive, found) if self_taught and chosen.stems_are_places else None
+            drive.name,
+            drive.stems,
+            map_drive.stems,
+            found,
+            places_by_name(drive.stems, map_drive.stems) if self_taught and chosen.stems_are_places else None,
         )
         for drive, found in zip(taught, pairs, strict=True)
     )
@@ -194,6 +179,13 @@ def adapt(
     if out is not None:
         with whole_directory(Path(out)) as directory:
             write_adapted(directory, name, result, settings)
+            if self_taught:
+                told = {key: str(settings[key]) for key in ("method", "prior", "dimensions")}
+                shown_drives = [
+                    ShownDrive(told_drive, _picture_of(drive), _picture_of(map_drive))
+                    for told_drive, drive in zip(drives, taught, strict=True)
+                ]
+                write_teaching_report(directory, map_drive.name, shown_drives, {**told, **(details or {})})
     return adaptation
 
 
@@ -280,10 +272,8 @@ class Learning:
         return Descriptors(projection.apply(descriptors.values), descriptors.names, descriptors.method)
 
 
-def _right(drive: Traverse, map_drive: Traverse, pairs: SurePairs) -> float | None:
-    place = {stem: index for index, stem in enumerate(map_drive.stems)}
-    true = np.array([place.get(drive.stems[frame], -10) for frame in pairs.frames.tolist()])
-    return float((np.abs(true - pairs.places) <= 1).mean()) if len(true) and (true >= 0).any() else None
+def _picture_of(drive: Traverse) -> Callable[[int], Image]:
+    return lambda frame: decode_image(drive.paths[frame], ImageSpec())
 
 
 def _stems(drive: Traverse, pairs: SurePairs) -> list[str]:

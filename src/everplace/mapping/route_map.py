@@ -6,7 +6,7 @@ import contextlib
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,8 @@ from everplace.describe.describer import Describer
 from everplace.describe.reduced import reduced
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, MapError
-from everplace.files import readable
+from everplace.files import filled_directory, readable
+from everplace.images.decoding import ImageSpec, decode_encoded
 from everplace.importing.positions.pose_track import read_named_poses
 from everplace.locking import locked
 from everplace.mapping.calibration import Calibration
@@ -31,6 +32,8 @@ from everplace.mapping.map_tables import MapState, MapTables, as_matrix
 from everplace.mapping.place_scores import PlaceFrames
 from everplace.mapping.placement import Align, Placement, agreement, believed, pairs_by_name, pairs_by_pose, placed
 from everplace.mapping.self_teaching import sure_pairs_of_scores
+from everplace.mapping.taught_drive import TaughtDrive, places_by_name
+from everplace.mapping.teaching_report import ShownDrive, write_teaching_report
 from everplace.match.similarity import directions
 from everplace.match.standardise import require_standardisable
 from everplace.progress import Progress, quiet, shown
@@ -260,6 +263,8 @@ class Map:
         align: Align = "auto",
         poses: str | os.PathLike[str] | None = None,
         learn: bool = True,
+        report: str | os.PathLike[str] | None = None,
+        details: Mapping[str, str] | None = None,
         progress: Progress = quiet,
     ) -> AddedDrive:
         """Aligns a drive with the map, adds it, and learns from what is sure.
@@ -272,12 +277,17 @@ class Map:
                 with them, else images.
             poses: CSV file of where the frames were taken.
             learn: Adapt the descriptor again, from this drive too.
+            report: Directory to write a page to of what the images show, sure and refused.
+            details: Where the report comes from, such as the command.
             progress: Told of the frames.
 
         Raises:
             MapError: A drive of this name is in the map, or poses are missing.
             RouteError: The drive holds no frame.
+            ConfigError: `report` is asked for where the images are not looked at.
         """
+        if report is not None and align in ("names", "poses"):
+            raise ConfigError(f"`report` shows what the images say, which `align` {align} does not ask; leave one out")
         with _writing(self.address):
             state = self._tables.states()[-1]
             self._tables.revert(state)
@@ -291,6 +301,7 @@ class Map:
             described = describe_drive(source, self.describer(), progress, in_other_light=False)
             described = _with_poses(described, poses)
             placement = shown(progress, "matching with the map", lambda: self._placed(described, align))
+            shown_drive = None if report is None else self._shown(name, described, placement)
             entry = {
                 "name": name, "condition": condition or name, "frames": len(described),
                 "sure": int(placement.sure.sum()), "how": placement.how, "learns": learn,
@@ -299,6 +310,10 @@ class Map:
             document = {**self.document, "drives": [*self.document["drives"], entry]}
             frames = self._tables.add_frames(_rows(name, described, placement))
             self._state = _learnt(self._tables, state, document, state.arrays, frames, progress, learns=learn)
+        if report is not None and shown_drive is not None:
+            told = {"map": readable(self.address), "version": str(self.version), "method": self.method}
+            with filled_directory(Path(report)) as directory:
+                write_teaching_report(directory, "the map", [shown_drive], {**told, **(details or {})})
         return AddedDrive(
             name,
             len(described),
@@ -412,9 +427,23 @@ class Map:
         scores, vectors = self._scores(described, order, table["drive"].to_pylist())
         seen = sure_pairs_of_scores(scores, vectors)
         share = agreement(named, seen)
-        if align == "auto" and believed(share):
-            return placed(named, order.places, order.positions, "names", share, scores)
-        return placed(seen, order.places, order.positions, "images", share, scores)
+        by_names = align == "auto" and believed(share)
+        pairs, how = (named, "names") if by_names else (seen, "images")
+        return replace(placed(pairs, order.places, order.positions, how, share, scores), seen=seen)
+
+    def _shown(self, name: str, described: DescribedDrive, placement: Placement) -> ShownDrive:
+        """What the images of a drive say, with its pictures and those of the map."""
+        table = self.frames("stem", "place", "position", "thumbnail")
+        first = PlaceFrames(np.asarray(table["place"]), np.asarray(table["position"])).first
+        there = table.take(first)
+        stems = there["stem"].to_pylist()
+        assert placement.seen is not None
+        true = places_by_name(described.stems, stems) if placement.how == "names" else None
+        return ShownDrive(
+            TaughtDrive(name, described.stems, stems, placement.seen, true),
+            lambda frame: decode_encoded(described.stems[frame], described.thumbnails[frame], ImageSpec()),
+            lambda place: decode_encoded(stems[place], there["thumbnail"][place].as_py(), ImageSpec()),
+        )
 
     def _scores(
         self, described: DescribedDrive, order: PlaceFrames, drives: list[str]
@@ -513,8 +542,6 @@ def _rows(name: str, described: DescribedDrive, placement: Placement) -> dict[st
 def _with_poses(described: DescribedDrive, file: str | os.PathLike[str] | None) -> DescribedDrive:
     if file is None:
         return described
-    from dataclasses import replace
-
     named = read_named_poses(Path(file))
     unknown = (np.nan,) * 3
     poses = np.array([named.get(stem, unknown) for stem in described.stems], float)

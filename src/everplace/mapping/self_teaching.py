@@ -13,17 +13,30 @@ from everplace.match.similarity import similarity
 from everplace.match.standardise import standardise
 from everplace.sequences.route_path import smooth_odds
 
-__all__ = ["SurePairs", "sure_pairs", "sure_pairs_of_scores"]
+__all__ = ["RUN", "SURE", "FrameMatches", "SurePairs", "sure_pairs", "sure_pairs_of_scores"]
 
-_SURE = 2.0
+SURE = 2.0
 """Log-odds from which a match is believed."""
 _CERTAIN = 1 - 1e-6
-_RUN = 10
+RUN = 10
 """Frames in a row that must be believed and go on along the map: a foreign drive has none."""
 _ALIKE = 0.8
 """Cosine from which two frames of the map show one view, which it then saw twice."""
 _STEP = 3
 """Places by which a match may move on from one frame to the next within such a run."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameMatches:
+    """What every frame of a drive was matched with, sure or not.
+
+    Attributes:
+        places: (M,) the best position in the map.
+        log_odds: (M,) how sure it is.
+    """
+
+    places: NDArray[np.int64]
+    log_odds: NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +48,14 @@ class SurePairs:
         places: (K,) positions in the map.
         log_odds: (K,) how sure each is.
         of: Frames that the drive has.
+        matches: Of all frames; None: names or poses told the pairs, and nobody looked.
     """
 
     frames: NDArray[np.int64]
     places: NDArray[np.int64]
     log_odds: NDArray[np.float32]
     of: int
+    matches: FrameMatches | None = None
 
     @property
     def share(self) -> float:
@@ -75,9 +90,9 @@ def sure_pairs_of_scores(S: NDArray[np.float32], views: NDArray[np.float32]) -> 
     """
     odds = smooth_odds(S)
     places, best = _over_visits(odds, views)
-    kept = _in_runs(best > _SURE, places)
+    kept = _in_runs(best > SURE, places)
     frames = np.flatnonzero(kept)
-    return SurePairs(frames, places[frames], best[frames], len(S))
+    return SurePairs(frames, places[frames], best[frames], len(S), FrameMatches(places, best))
 
 
 def _over_visits(
@@ -99,7 +114,7 @@ def _over_visits(
     for frame, place in enumerate(places.tolist()):
         if place not in visits:
             alike = np.flatnonzero(views @ views[place] >= _ALIKE * length * length[place])
-            visits[place] = np.split(alike, np.flatnonzero(np.diff(alike) > _RUN) + 1)
+            visits[place] = np.split(alike, np.flatnonzero(np.diff(alike) > RUN) + 1)
         if len(visits[place]) > 1:
             shown = np.array([visit[odds[frame, visit].argmax()] for visit in visits[place]])
             worth = float(expit(odds[frame, shown].astype(np.float64)).sum())
@@ -115,5 +130,5 @@ def _in_runs(sure: NDArray[np.bool_], places: NDArray[np.int64]) -> NDArray[np.b
     linked = sure[1:] & sure[:-1] & (np.abs(np.diff(places)) <= _STEP)
     run = np.concatenate([[0], np.cumsum(~linked)])  # a number for each run
     length = np.bincount(run, sure)
-    kept: NDArray[np.bool_] = sure & (length[run] >= _RUN)
+    kept: NDArray[np.bool_] = sure & (length[run] >= RUN)
     return kept
