@@ -95,12 +95,18 @@ class Localizer:
         self._conditions = opened.condition_model
         self._model = MAP_MODEL if model is None else model
         self._seen: deque[NDArray[np.float64]] = deque(maxlen=sequence)
+        self._belief = np.zeros(len(self._order))
         self._numbers = np.asarray(table["number"])[rows]
 
     @property
     def places(self) -> NDArray[np.int64]:
         """(P,) the map's places, in the order of travel."""
         return self._order.places
+
+    @property
+    def belief(self) -> NDArray[np.float64]:
+        """(P,) probability of every place, in the order of `places`, that the last answer rests on; 0 before any."""
+        return self._belief
 
     @property
     def provisional(self) -> bool:
@@ -184,6 +190,7 @@ class Localizer:
         self._seen.append(likelihood_ratios_of(scores[0], self._calibration))
         posterior, off = self._posterior(scores[0])
         posterior = np.where(np.isnan(scores[0]), 0, posterior)  # though frames before lead there
+        self._belief = posterior
         column = int(self._model.worth(posterior[None])[0].argmax())
         best = self._best_frame(frames[0], column)
         near = float(posterior[max(column - _REACH, 0) : column + _REACH + 1].sum())
