@@ -1,12 +1,12 @@
 """Describes RTAB-Map's images with everplace, as its global descriptor in Python.
 
-EVERPLACE_METHOD names the run directory (of `everplace adapt` or `everplace train`) or the method, hog16 unless it is set:
+EVERPLACE_METHOD names a method or a run directory of `everplace adapt` or `everplace train`; hog16 unless it is set:
 
     EVERPLACE_METHOD=runs/adapted rtabmap --Mem/GlobalDescriptorStrategy 1 --Kp/TfIdfLikelihoodUsed false \
         --PyDescriptor/Path integrations/rtabmap/everplace_descriptor.py --PyDescriptor/Dim 96
 
-RTAB-Map calls `init` once with --PyDescriptor/Dim and `extract` for every image, and compares descriptors by their scalar
-product (Signature::compareTo), so that they have length 1 here.
+RTAB-Map calls `init` once with --PyDescriptor/Dim and `extract` for every image, and compares descriptors by their
+scalar product (Signature::compareTo), so that they have length 1 here.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ def _opened(descriptor_dim: int) -> Describer:
     describer = everplace.load(name)
     if describer.metric != "cosine":
         raise ValueError(
-            f"{VARIABLE}={name}: RTAB-Map compares descriptors by their scalar product, which {describer.method} is not "
-            "made for; choose another method"
+            f"{VARIABLE}={name}: RTAB-Map compares descriptors by their scalar product, which {describer.method} is "
+            "not made for; choose another method"
         )
     if describer.dimension != descriptor_dim:
         raise ValueError(

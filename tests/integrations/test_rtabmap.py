@@ -79,7 +79,7 @@ def test_colours_are_not_swapped_and_grey_is_read(unchanged_rendered_route: Path
         (
             "hog16",
             4096,
-            "EVERPLACE_METHOD=hog16 has 2048 numbers, but RTAB-Map expects 4096; give it --PyDescriptor/Dim",
+            "EVERPLACE_METHOD=hog16 has 2048 numbers, but RTAB-Map expects 4096; give it --Py",
         ),
         ("sad", 2048, "compares descriptors by their scalar product, which sad is not made for"),
         ("runs/none", 96, "there is no method or run directory 'runs/none'"),
