@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 from collections import Counter
@@ -50,6 +51,10 @@ def localize(
         Literal["csv", "tum", "g2o", "hloc-pairs"], typer.Option("--format", help="Of --out.")
     ] = "csv",
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="File to write.")] = None,
+    rerun: Annotated[
+        Path | None,
+        typer.Option("--rerun", metavar="FILE.rrd", help="Recording for the Rerun viewer (extra `rerun`)."),
+    ] = None,
 ) -> None:
     """Say of every frame where on a map it was taken, how sure that is, and under which condition.
 
@@ -60,11 +65,16 @@ def localize(
         raise ConfigError(f"--precision {precision} is no share between 0 and 1, such as 0.99")
     if out is not None:
         require_file(out)
+    if rerun is not None:
+        require_file(rerun, (".rrd",), "--rerun")
     from everplace.files import readable
     from everplace.mapping.answer_formats import LocatedFrame
     from everplace.mapping.frame_stream import open_stream
     from everplace.mapping.localizer import Localizer
+    from everplace.mapping.rerun_recording import require_rerun, rerun_recording
 
+    if rerun is not None:
+        require_rerun()
     stream = open_stream(source)
     progress = show_progress()
     localizer = Localizer(map_, sequence=length, progress=progress)
@@ -78,19 +88,22 @@ def localize(
     kept: list[LocatedFrame] = []
     places: Counter[bool] = Counter()
     frames = progress(stream.frames, f"localizing {stream.name}", stream.count)
-    for number, frame in enumerate(frames):
-        answer = localizer.locate(
-            frame.image, frame.seconds, excluded=None if exclude is None else (name, number, exclude)
-        )
-        sure = answer.probability >= least
-        places[sure] += 1
-        if json_lines:
-            line = {"frame": frame.stem, **answer.to_dict()}
-            if precision is not None:
-                line["accepted"] = sure
-            print(json.dumps(line), flush=True)
-        if sure and (out is not None or not json_lines):  # a camera never ends
-            kept.append(LocatedFrame(frame.stem, answer))
+    with contextlib.nullcontext() if rerun is None else rerun_recording(rerun, localizer) as recording:
+        for number, frame in enumerate(frames):
+            answer = localizer.locate(
+                frame.image, frame.seconds, excluded=None if exclude is None else (name, number, exclude)
+            )
+            sure = answer.probability >= least
+            places[sure] += 1
+            if recording is not None:
+                recording.add(frame, answer)
+            if json_lines:
+                line = {"frame": frame.stem, **answer.to_dict()}
+                if precision is not None:
+                    line["accepted"] = sure
+                print(json.dumps(line), flush=True)
+            if sure and (out is not None or not json_lines):  # a camera never ends
+                kept.append(LocatedFrame(frame.stem, answer))
     if localizer.provisional:
         warn(
             "the map knows one drive only, so its probabilities are provisional; add another drive with "

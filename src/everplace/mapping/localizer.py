@@ -115,6 +115,11 @@ class Localizer:
         return self._order.places
 
     @property
+    def belief(self) -> NDArray[np.float64]:
+        """(P,) probability of every place, in the order of `places`, that the last answer rests on; 0 before any."""
+        return self._belief
+
+    @property
     def provisional(self) -> bool:
         """Whether its probabilities come from elsewhere, as the map knows one drive only."""
         return self._calibration.provisional

@@ -1,0 +1,1 @@
+"""Everplace as a ROS 2 node."""
