@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 from collections import deque
 from dataclasses import asdict, dataclass
@@ -23,7 +24,7 @@ from everplace.match.similarity import directions
 from everplace.route.traverse import Pose
 from everplace.sequences.route_model import RouteModel
 
-__all__ = ["Localizer", "MapAnswer"]
+__all__ = ["Localizer", "MapAnswer", "Observation", "PlaceMatch"]
 
 _REACH = 1
 
@@ -63,6 +64,46 @@ class MapAnswer:
         return {**asdict(self), "pose": None if self.pose is None else list(self.pose)}
 
 
+@dataclass(frozen=True, slots=True)
+class PlaceMatch:
+    """A place that a frame may show.
+
+    Attributes:
+        id: Row of the frame below, in the order of `Map.frames`.
+        drive: The drive whose frame of the place is most like the query.
+        condition: Of that drive.
+        database_frame: That frame's name.
+        place: The place.
+        score: Cosine between the two, in [-1, 1].
+        probability: That the query shows the place, or a neighbour of it, in [0, 1].
+    """
+
+    id: int
+    drive: str
+    condition: str
+    database_frame: str
+    place: int
+    score: float
+    probability: float
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """An answer, and what it rests on.
+
+    Attributes:
+        answer: Where the frame was taken.
+        belief: (P,) probability of each place of `Localizer.places`, in [0, 1]; what is missing to 1 is "off the map".
+        similarity: (P,) cosine with the best frame of each, in [-1, 1]; -1 too where every frame is left out.
+        matches: The places that are worth most as an answer, best first: the first is that of the answer.
+    """
+
+    answer: MapAnswer
+    belief: NDArray[np.float64]
+    similarity: NDArray[np.float32]
+    matches: tuple[PlaceMatch, ...]
+
+
 class Localizer:
     """Answers frame by frame from one version of a map."""
 
@@ -96,6 +137,19 @@ class Localizer:
         self._model = MAP_MODEL if model is None else model
         self._seen: deque[NDArray[np.float64]] = deque(maxlen=sequence)
         self._numbers = np.asarray(table["number"])[rows]
+        self._condition_of = {drive["name"]: drive["condition"] for drive in opened.document["drives"]}
+
+    def another(self, sequence: int) -> Localizer:
+        """A localizer of another drive, which shares with this one all that stays the same from frame to frame.
+
+        Several may answer at once, in threads of their own.
+
+        Args:
+            sequence: As for a new one.
+        """
+        other = copy.copy(self)
+        other._seen = deque(maxlen=sequence)
+        return other
 
     @property
     def places(self) -> NDArray[np.int64]:
@@ -154,9 +208,30 @@ class Localizer:
         Raises:
             ImageError: The array is no image.
         """
+        return self.observe(image, time, excluded=excluded).answer
+
+    def observe(
+        self,
+        image: NDArray[np.uint8],
+        time: float | None = None,
+        *,
+        matches: int = 0,
+        excluded: tuple[str, int, int] | None = None,
+    ) -> Observation:
+        """Answers one frame as `locate` does, and says what the answer rests on.
+
+        Args:
+            image: As for `locate`.
+            time: Seconds; handed on.
+            matches: How many places to name.
+            excluded: As for `locate`.
+
+        Raises:
+            ImageError: The array is no image.
+        """
         base = self._adapted.base
         features = base.describe_batch(convert_image(image, base.image)[None])[0]
-        return self.locate_described(features, how_it_looks(np.asarray(image)), time, excluded=excluded)
+        return self._observe(features, how_it_looks(np.asarray(image)), time, matches, excluded)
 
     def locate_described(
         self,
@@ -174,6 +249,16 @@ class Localizer:
             time: Seconds; handed on.
             excluded: As for `locate`.
         """
+        return self._observe(features, looks, time, 0, excluded).answer
+
+    def _observe(
+        self,
+        features: NDArray[np.floating],
+        looks: NDArray[np.float32],
+        time: float | None,
+        matches: int,
+        excluded: tuple[str, int, int] | None,
+    ) -> Observation:
         vector = directions(self._adapted.project(features[None].astype(np.float32, copy=False)))
         frames = vector @ self._vectors.T
         if excluded is not None:
@@ -184,22 +269,41 @@ class Localizer:
         self._seen.append(likelihood_ratios_of(scores[0], self._calibration))
         posterior, off = self._posterior(scores[0])
         posterior = np.where(np.isnan(scores[0]), 0, posterior)  # though frames before lead there
-        column = int(self._model.worth(posterior[None])[0].argmax())
-        best = self._best_frame(frames[0], column)
-        near = float(posterior[max(column - _REACH, 0) : column + _REACH + 1].sum())
-        pose = self._poses[best]
-        return MapAnswer(
-            place=int(self._order.places[column]),
-            drive=str(self._drives[best]),
-            database_frame=self._stems[best],
-            score=max(float(frames[0, best]), -1.0),
-            probability=min(max(near, 0.0), 1.0),
+        worth = self._model.worth(posterior[None])[0]
+        column = int(worth.argmax())
+        found = self._match(frames[0], posterior, column)
+        pose = self._poses[self._best_frame(frames[0], column)]
+        answer = MapAnswer(
+            place=found.place,
+            drive=found.drive,
+            database_frame=found.database_frame,
+            score=found.score,
+            probability=found.probability,
             off_map=min(max(off, 0.0), 1.0),
             condition=self._conditions.posterior(looks),
             unseen_condition=self._conditions.unseen(looks),
             pose=None if np.isnan(pose).any() else Pose(*pose.tolist()),
             provisional=self._calibration.provisional,
             time=time,
+        )
+        similarity = np.where(np.isnan(scores[0]), np.float32(-1), scores[0])
+        columns = np.argsort(-worth, kind="stable")[:matches].tolist() if matches else []
+        named = tuple(self._match(frames[0], posterior, column) for column in columns)
+        return Observation(answer, posterior, similarity, named)
+
+    def _match(self, scores: NDArray[np.float32], posterior: NDArray[np.float64], column: int) -> PlaceMatch:
+        """What there is to say of a place."""
+        best = self._best_frame(scores, column)
+        near = float(posterior[max(column - _REACH, 0) : column + _REACH + 1].sum())
+        drive = str(self._drives[best])
+        return PlaceMatch(
+            id=int(self._order.rows[best]),
+            drive=drive,
+            condition=self._condition_of[drive],
+            database_frame=self._stems[best],
+            place=int(self._order.places[column]),
+            score=max(float(scores[best]), -1.0),
+            probability=min(max(near, 0.0), 1.0),
         )
 
     def _posterior(self, scores: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
