@@ -77,7 +77,7 @@ class ConditionTable(BaseModel):
 
 
 class PrecisionRow(BaseModel):
-    """Of held-out answers with at least this probability: the share that is right, and of all the share that this is."""
+    """Held-out answers of at least this probability: the share that is right, and the share of all that this is."""
 
     threshold: float
     precision: float

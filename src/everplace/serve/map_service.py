@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.errors import EverplaceError, ImageError, MissingExtraError
+from everplace.errors import ImageError, MissingExtraError
 from everplace.images.decoding import BROKEN_IMAGE_ERRORS, ImageSpec, decode_encoded
 from everplace.images.formats import image_size
 from everplace.mapping.localizer import Localizer, Observation
@@ -128,7 +128,7 @@ class MapService:
         self._map = Map.open(address)
         self.loaded = LoadedMap(self._map)
         self.sessions = DriveSessions(limits)
-        self.work = WorkQueue("locate", limits.waiting)
+        self.work = WorkQueue("locate", limits.waiting, prepare=_compute_alone)
         self._reads = WorkQueue("read", _READS_WAITING, _READERS)
         self._keeper = WorkQueue("look", 0, 1)
         self._looked = time.monotonic()
@@ -177,7 +177,7 @@ class MapService:
                 self._map = Map.open(self._address)
                 self.loaded = LoadedMap(self._map)
             self._complaint = ""
-        except (EverplaceError, OSError) as error:
+        except Exception as error:  # whatever it is, the map that was read goes on answering
             if str(error) != self._complaint:  # once, not every second
                 print(f"everplace: version {self.loaded.version} goes on answering: {error}", file=sys.stderr)
             self._complaint = str(error)
@@ -205,12 +205,15 @@ class MapService:
             return decode_encoded("the image", data, ImageSpec())
         except MissingExtraError:
             raise RefusedError(400, "images of this format are not read here; send PNG or JPEG") from None
-        except ImageError as error:
-            if error.__cause__ is None:
-                raise RefusedError(400, str(error)) from None
-            raise RefusedError(400, "the image is truncated or broken; send it again") from None
-        except BROKEN_IMAGE_ERRORS:
-            raise RefusedError(400, "the image is truncated or broken; send it again") from None
+        except (ImageError, *BROKEN_IMAGE_ERRORS):
+            raise RefusedError(400, "the image is empty, broken or of an unknown kind; send PNG or JPEG") from None
+
+
+def _compute_alone() -> None:
+    """Has torch compute in the calling thread alone: the service's threads are as many as the cores."""
+    import torch
+
+    torch.set_num_threads(1)
 
 
 def _as_json(loaded: LoadedMap, request: LocateRequest, seen: Observation) -> dict[str, Any]:

@@ -19,16 +19,17 @@ _MOST_WORKERS = 4
 class WorkQueue:
     """Runs functions in threads; what does not find a place in the queue is refused at once."""
 
-    def __init__(self, name: str, waiting: int, workers: int = 0) -> None:
+    def __init__(self, name: str, waiting: int, workers: int = 0, prepare: Callable[[], None] | None = None) -> None:
         """Starts no thread yet.
 
         Args:
             name: Of its threads.
             waiting: Functions that may wait for a thread.
             workers: Threads; 0: one for each usable core, at most 4.
+            prepare: Called once in each thread.
         """
         workers = workers or min(_MOST_WORKERS, usable_cores())
-        self._pool = ThreadPoolExecutor(workers, thread_name_prefix=name)
+        self._pool = ThreadPoolExecutor(workers, thread_name_prefix=name, initializer=prepare)
         self._most = waiting + workers
         self._under_way = 0
 
