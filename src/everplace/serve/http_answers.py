@@ -102,6 +102,9 @@ class MapOverview(BaseModel):
     table: ConditionTable
     poses: list[list[float] | None] | None
     frames: dict[str, list[int]]
+    stems: dict[str, list[str]]
+    order: dict[str, list[int | None]]
+    place_order: list[int]
     learned: dict[str, Any]
     decodes: bool
     precision: list[PrecisionRow] | None

@@ -37,12 +37,13 @@ def map_summary(map_: Map, places: NDArray[np.int64], *, decodes: bool) -> dict[
         places: (P,) its places in the order of travel.
         decodes: Whether its method can show a frame in another condition.
     """
-    table = map_.frames("place", "x", "y")
+    table = map_.frames("stem", "place", "x", "y")
     of_drive = np.array(table["drive"].to_pylist())
-    bin_of = np.full(int(places.max(initial=0)) + 1, -1, np.int64)
-    bin_of[places] = np.arange(len(places)) // places_per_bin(len(places))
+    order_of = np.full(int(places.max(initial=0)) + 1, -1, np.int64)
+    order_of[places] = np.arange(len(places))
     of_frames = np.asarray(table["place"])
-    bins = np.where(of_frames >= 0, bin_of[of_frames], -1)
+    orders = np.where(of_frames >= 0, order_of[of_frames], -1)
+    bins = orders // places_per_bin(len(places))
     known = map_.info()
     return {
         **known,
@@ -50,7 +51,8 @@ def map_summary(map_: Map, places: NDArray[np.int64], *, decodes: bool) -> dict[
         "places_per_bin": places_per_bin(len(places)),
         "table": _table(map_, of_drive, bins, places_per_bin(len(places))),
         "poses": _poses(np.stack([np.asarray(table["x"]), np.asarray(table["y"])], axis=1), bins),
-        "frames": {name: np.flatnonzero(of_drive == name).tolist() for name in map_.drives},
+        **_frames(map_, of_drive, table["stem"].to_pylist(), orders),
+        "place_order": places.tolist(),
         "learned": _learned(map_, of_drive, of_frames),
         "decodes": decodes,
         "precision": _precision(map_),
@@ -81,6 +83,17 @@ def _poses(poses: NDArray[np.float64], bins: NDArray[np.int64]) -> list[list[flo
     frames = np.bincount(bins[known], minlength=count)
     sums = np.stack([np.bincount(bins[known], poses[known, axis], minlength=count) for axis in (0, 1)], axis=1)
     return [None if not n else (total / n).tolist() for n, total in zip(frames.tolist(), sums, strict=True)]
+
+
+def _frames(map_: Map, of_drive: NDArray[np.str_], stems: list[str], orders: NDArray[np.int64]) -> dict[str, Any]:
+    """Of each drive's frames, in order, the ids, the names, and where their places come in the order of travel."""
+    rows = {name: np.flatnonzero(of_drive == name).tolist() for name in map_.drives}
+    known: list[int | None] = [None if order < 0 else order for order in orders.tolist()]
+    return {
+        "frames": rows,
+        "stems": {name: [stems[row] for row in some] for name, some in rows.items()},
+        "order": {name: [known[row] for row in some] for name, some in rows.items()},
+    }
 
 
 def _learned(map_: Map, of_drive: NDArray[np.str_], places: NDArray[np.int64]) -> dict[str, Any]:
