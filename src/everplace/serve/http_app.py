@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 from pathlib import PurePosixPath
 from typing import Annotated, Any
 
-from fastapi import FastAPI, File, Form, Path, Request, UploadFile
+from fastapi import FastAPI, File, Form, Path, Query, Request, UploadFile
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
@@ -124,9 +124,17 @@ def _add_answers(app: FastAPI, service: MapService, metrics: ServiceMetrics) -> 
         response_class=Response,
         responses={**_ANY, 200: {"content": {"image/jpeg": {}}, "description": "A thumbnail."}},
     )
-    async def thumbnail(request: Request, id: FrameId) -> Response:
+    async def thumbnail(
+        request: Request,
+        id: FrameId,
+        version: Annotated[
+            int | None, Query(description="Of the map that the number is of; default: the newest.")
+        ] = None,
+    ) -> Response:
         """Gives the thumbnail of a frame of the map."""
         loaded = await service.current()
+        if version not in (None, loaded.version):
+            raise RefusedError(404, f"the map has become version {loaded.version} meanwhile; ask /map again")
         data = await service.read(lambda: loaded.thumbnail(id))
         return _tagged(request, data, "image/jpeg", f"{loaded.tag}-{id}")
 
