@@ -4,6 +4,8 @@ import { PROVISIONAL, conditionOf, isOffMap, sentenceOf } from "./answer_sentenc
 import { byId, html, percent, say, show } from "./elements.js";
 import { pictureOf, translated } from "./service.js";
 
+/** What a threshold makes of an answer, in words. */
+export const VERDICTS = { right: "✓ right", wrong: "✗ wrong", accepted: "accepted", left: "not accepted" };
 const SPOKEN_EVERY = 4000; // milliseconds, while a drive plays
 
 /** Sets a picture from a URL that may have to be waited for, unless another one was asked for meanwhile. */
@@ -25,7 +27,7 @@ export class AnswerView {
     this._translating = null;
     this._wanted = null;
     const choice = byId("translated-condition");
-    choice.replaceChildren(html("option", { value: "" }, "the match's condition"),
+    choice.replaceChildren(html("option", { value: "" }, "as the match"),
       ...Object.keys(map.info.conditions).map((name) => html("option", { value: name }, name)));
     choice.onchange = () => this._translate();
   }
@@ -41,7 +43,7 @@ export class AnswerView {
     setPicture(byId("query-image"), this._queryUrl, `The frame ${frame.name} that was asked about`);
     byId("query-caption").textContent = `Query: ${frame.name}`;
     show("match-figure", answer !== null);
-    for (const part of ["matches-title", "facts-title"]) show(byId(part).parentElement, answer !== null);
+    for (const part of ["matches-part", "facts-part"]) show(part, answer !== null);
     if (answer === null) {
       byId("sentence").textContent = "This frame has no answer.";
       show("translated-figure", false);
@@ -60,6 +62,12 @@ export class AnswerView {
     this._showFacts(answer);
     this._translate();
     this._speak(frame, answer, playing);
+  }
+
+  /** Says what the threshold makes of the answer ("right", "wrong", "accepted", "left"); null: nothing. */
+  judge(kind) {
+    byId("verdict").className = `verdict ${kind}`;
+    say("verdict", kind ? VERDICTS[kind] : "");
   }
 
   _speak(frame, answer, playing) {
@@ -98,7 +106,7 @@ export class AnswerView {
     const conditions = Object.entries(answer.condition).sort((one, other) => other[1] - one[1]).map(([name, share]) => {
       const bar = html("meter", { min: 0, max: 1, "aria-hidden": "true" });
       bar.value = share;
-      return [`Looks like ${name}`, bar, percent(share, 1)];
+      return [`${answer.unseen_condition ? "Nearest to" : "Looks like"} ${name}`, bar, percent(share, 1)];
     });
     if (answer.unseen_condition) rows.push(["Condition", "unlike any that the map has seen"]);
     byId("facts").replaceChildren(...[...rows, ...conditions].map(([name, ...values]) =>
@@ -109,7 +117,9 @@ export class AnswerView {
   async _translate() {
     if (!this.map.info.decodes || this._answer === null) return;
     const best = this.map.frameOfAnswer(this._answer);
-    const condition = byId("translated-condition").value || best?.condition || conditionOf(this._answer);
+    const matched = best?.condition ?? conditionOf(this._answer);
+    const condition = byId("translated-condition").value || matched;
+    byId("translated-condition").options[0].textContent = `as the match: ${matched}`;
     this._wanted = { file: this._frame.file, name: this._frame.name, condition };
     if (this._translating) return;
     this._translating = true;

@@ -2,11 +2,12 @@
 
 import { svg } from "./elements.js";
 
-const LEFT = 52, RIGHT = 12, TOP = 10, BOTTOM = 42;
+const RIGHT = 12, TOP = 10, BOTTOM = 42;
 const PER_TICK = { x: 70, y: 36 }; // pixels
 
 /** Round numbers between two, not more of them than `most`. */
 export function ticks(min, max, most) {
+  if (max < min) return ticks(max, min, most);
   const span = max - min;
   if (!(span > 0)) return [min];
   const rough = span / Math.max(most, 1);
@@ -20,10 +21,15 @@ const plain = (value) => String(Number(value.toPrecision(6)));
 
 /** One chart. It draws itself again when its width changes. */
 export class Chart {
-  /** @param label What a reader who cannot see it is told; null: what lies inside it tells them. */
-  constructor(host, { label = null, height }) {
+  /**
+   * @param label What a reader who cannot see it is told; null: what lies over it tells them.
+   * @param height In pixels, or a function of the width inside the axes.
+   * @param left Room for the axis of y, in pixels.
+   */
+  constructor(host, { label = null, height, left = 52 }) {
     this.host = host;
     this.height = height;
+    this.left = left;
     this.root = svg("svg", label === null ? { "aria-hidden": "true" } : { role: "img", "aria-label": label });
     host.replaceChildren(this.root);
     this._paint = null;
@@ -51,9 +57,9 @@ export class Chart {
     const outer = this.host.clientWidth;
     if (!this._paint || outer < 80) return;
     const { x, y } = this._axes;
-    const width = outer - LEFT - RIGHT;
+    const width = outer - this.left - RIGHT;
     const height = (typeof this.height === "function" ? this.height(width) : this.height) - TOP - BOTTOM;
-    const toX = (value) => LEFT + (width * (value - x.min)) / (x.max - x.min);
+    const toX = (value) => this.left + (width * (value - x.min)) / (x.max - x.min);
     const toY = (value) => TOP + height - (height * (value - y.min)) / (y.max - y.min);
     const total = height + TOP + BOTTOM;
     this.root.setAttribute("width", outer);
@@ -64,7 +70,7 @@ export class Chart {
       svg("g", { class: "axis", "aria-hidden": "true" }, ...this._axis(x, toX, width, "x", height), ...this._axis(y, toY, height, "y", width)),
       group,
     );
-    this._paint({ group, x: toX, y: toY, left: LEFT, top: TOP, width, height });
+    this._paint({ group, x: toX, y: toY, left: this.left, top: TOP, width, height });
   }
 
   _axis(axis, to, length, kind, across) {
@@ -75,12 +81,12 @@ export class Chart {
     const bottom = kind === "x" ? TOP + across : 0;
     const drawn = marks.flatMap(({ at, text }) => kind === "x"
       ? [svg("path", { d: `M${to(at)} ${bottom}v4` }), svg("text", { x: to(at), y: bottom + 16, "text-anchor": "middle" }, text)]
-      : [svg("path", { d: `M${LEFT} ${to(at)}h-4` }), svg("path", { class: "grid", d: `M${LEFT} ${to(at)}h${across}` }),
-        svg("text", { x: LEFT - 7, y: to(at) + 4, "text-anchor": "end" }, text)]);
+      : [svg("path", { d: `M${this.left} ${to(at)}h-4` }), svg("path", { class: "grid", d: `M${this.left} ${to(at)}h${across}` }),
+        svg("text", { x: this.left - 7, y: to(at) + 4, "text-anchor": "end" }, text)]);
     const title = kind === "x"
-      ? svg("text", { class: "title", x: LEFT + length / 2, y: bottom + 35, "text-anchor": "middle" }, axis.label)
+      ? svg("text", { class: "title", x: this.left + length / 2, y: bottom + 35, "text-anchor": "middle" }, axis.label)
       : svg("text", { class: "title", x: 0, y: 0, "text-anchor": "middle", transform: `translate(12 ${TOP + length / 2}) rotate(-90)` }, axis.label);
-    const line = kind === "x" ? `M${LEFT} ${bottom}h${length}` : `M${LEFT} ${TOP}v${length}`;
+    const line = kind === "x" ? `M${this.left} ${bottom}h${length}` : `M${this.left} ${TOP}v${length}`;
     return [...drawn, svg("path", { d: line }), title];
   }
 }

@@ -30,9 +30,9 @@ export const svg = (tag, attributes = {}, ...children) =>
 /** A share as per cent; what is not quite all or nothing is not rounded to it. */
 export function percent(share, digits = 0) {
   const edge = 0.5 / 10 ** (digits + 2);
-  if (share > 0 && share < edge) return `< ${(2 * edge * 100).toFixed(digits)} %`;
-  if (share < 1 && share > 1 - edge) return `> ${(100 - 2 * edge * 100).toFixed(digits)} %`;
-  return `${(100 * share).toFixed(digits)} %`;
+  if (share > 0 && share < edge) return `<\u00a0${(2 * edge * 100).toFixed(digits)}\u00a0%`;
+  if (share < 1 && share > 1 - edge) return `>\u00a0${(100 - 2 * edge * 100).toFixed(digits)}\u00a0%`;
+  return `${(100 * share).toFixed(digits)}\u00a0%`;
 }
 
 /** A number with its thousands apart. */
@@ -45,6 +45,9 @@ export const counted = (number, thing) => `${count(number)} ${thing}${number ===
 export function listed(names) {
   return names.length < 2 ? names.join("") : `${names.slice(0, -1).join(", ")} and ${names.at(-1)}`;
 }
+
+/** What the service says, as a sentence of its own. */
+export const asSentence = (text) => text[0].toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".");
 
 /** "9" before "10". */
 export const naturally = new Intl.Collator("en", { numeric: true }).compare;

@@ -20,7 +20,10 @@ async function openMap() {
   byId("map-summary").textContent =
     `${counted(info.places, "place")}, ${counted(info.drives.length, "drive")} (${listed(conditions)}), ${info.method}, version ${info.version}`;
   views = { answer: new AnswerView(map), route: new RouteView(map), matrix: new MatrixView(map, (frame) => drive.show(frame)) };
-  views.threshold = new ThresholdView(map, (judge) => views.matrix.judged(judge));
+  views.threshold = new ThresholdView(map, (judge) => {
+    views.matrix.judged(judge);
+    views.answer.judge(drive && drive.frames.length > 1 && drive.answers[drive.at] ? judge(drive.at) : null);
+  });
   showMap(map);
 }
 

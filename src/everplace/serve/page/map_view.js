@@ -1,23 +1,24 @@
 // What the map holds: which places it knows under which condition, and what each drive taught it.
 
 import { Chart, PLACES, placeTicks } from "./chart.js";
-import { byId, count, counted, html, listed, percent, svg } from "./elements.js";
+import { asSentence, byId, count, counted, html, listed, percent, svg } from "./elements.js";
 import { gridCursor } from "./grid_cursor.js";
 
 const ROW = 26; // pixels
 const MOST = 3; // frames a place, from which on the shade stays
 const HOLES = 6; // named in the table
+const LONGEST = 14; // letters of a condition beside the picture
 
 /** The last section of the page. */
 export function showMap(map) {
   const { conditions, cells } = map.info.table;
   const chart = new Chart(byId("coverage-chart"), {
     label: `Places by condition: ${conditions.map((name, row) => `${name} ${holesOf(map, cells, row).text}`).join("; ")}.`,
-    height: ROW * conditions.length + 52,
+    height: ROW * conditions.length + 52, left: Math.min(Math.max(...conditions.map((name) => name.length)), LONGEST) * 7 + 14,
   });
   const x = { min: 0, max: map.bins, label: PLACES };
   Object.defineProperty(x, "ticks", { get: () => placeTicks(map, byId("coverage-chart").clientWidth) });
-  const y = { min: conditions.length, max: 0, label: "", ticks: [] };
+  const y = { min: conditions.length, max: 0, label: "", ticks: conditions.map((name, row) => ({ at: row + 0.5, text: shortened(name) })) };
   const marks = svg("svg", { class: "overlay", tabindex: "0", role: "application", "aria-roledescription": "table of places and conditions", "aria-describedby": "coverage-readout", "aria-label": "Places by condition" });
   chart.draw({ x, y }, (area) => {
     const { group, x: toX, y: toY, left, top, width, height } = area;
@@ -33,10 +34,10 @@ export function showMap(map) {
     for (const [property, value] of Object.entries({ left, top, width, height })) marks.style[property] = `${value}px`;
     marks.setAttribute("viewBox", `0 0 ${width} ${height}`);
   });
-  byId("coverage-chart").append(rowNames(conditions), marks);
+  byId("coverage-chart").append(marks);
   gridCursor(marks, () => [conditions.length, map.bins], (row, bin) => {
     const frames = cells[bin][row];
-    byId("coverage-readout").textContent = `${capital(map.binName(bin))} in ${conditions[row]}: ${frames ? counted(frames, "frame") : "no frame, a hole"}`;
+    byId("coverage-readout").textContent = asSentence(`${map.binName(bin)} in ${conditions[row]}: ${frames ? counted(frames, "frame") : "no frame, a hole"}`);
     const box = marks.viewBox.baseVal;
     marks.replaceChildren(svg("rect", {
       class: "cell", x: (bin * box.width) / map.bins, y: row * ROW + 1, width: Math.max(box.width / map.bins, 3), height: ROW - 2,
@@ -50,13 +51,8 @@ export function showMap(map) {
   showLearned(map);
 }
 
-const capital = (text) => text[0].toUpperCase() + text.slice(1);
 
-function rowNames(conditions) {
-  const names = html("div", { class: "row-names", "aria-hidden": "true" });
-  names.append(...conditions.map((name) => html("span", {}, name)));
-  return names;
-}
+const shortened = (name) => (name.length > LONGEST ? `${name.slice(0, LONGEST - 1)}…` : name);
 
 const levelOf = (frames, perBin) => Math.min(Math.ceil(frames / perBin), MOST);
 

@@ -89,7 +89,7 @@ export class PlayedDrive {
         this.at = number;
         this.onShown();
       }
-      this.onProblem(`Frame ${name} has no answer: ${error.message}`);
+      this.onProblem(`Frame ${name} has no answer. ${error.message}`);
       return false;
     }
     this.at = number;

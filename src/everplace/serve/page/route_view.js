@@ -20,7 +20,7 @@ export class RouteView {
       this.ground = new Chart(byId("poses-chart"), {
         label: "The route from above.", height: (across) => Math.min(Math.max((across * height) / width, 80), 320) + 52,
       });
-      byId("poses-caption").textContent = "The route from above. A disc is as large and as dark as its place is probable; the ring is the answer.";
+      byId("poses-caption").textContent = "The route from above. The larger and stronger a disc, the more probable its place; the ring is the answer.";
     }
     this.show(null);
   }

@@ -1,6 +1,6 @@
 // Speaks with the service: every request, the token that it may ask for, and what went wrong as one sentence.
 
-import { show } from "./elements.js";
+import { asSentence, show } from "./elements.js";
 
 const TOKEN = "everplace-token";
 const TRIES = 5; // while the service is busy
@@ -38,7 +38,7 @@ function tokenFromUser(refused) {
 async function sentenceOf(response) {
   try {
     const { detail } = await response.json();
-    if (typeof detail === "string" && detail) return detail;
+    if (typeof detail === "string" && detail) return asSentence(detail);
   } catch {
     // An answer that is not JSON comes from something in between, of which the status is all there is to say.
   }

@@ -1,11 +1,11 @@
 // Which answers a threshold accepts, how many of them are right, and the curve that it lies on.
 
+import { VERDICTS } from "./answer_view.js";
 import { Chart, mark } from "./chart.js";
-import { byId, counted, count, html, percent, say, show, svg } from "./elements.js";
+import { byId, count, counted, html, percent, show, svg } from "./elements.js";
 import { measured, precisionCurve, rowAt, thresholdFor } from "./precision.js";
 
 const WANTED = 0.99;
-const NAMES = { right: "right", wrong: "wrong", accepted: "accepted", left: "not accepted" };
 
 /** The fourth section of the page. */
 export class ThresholdView {
@@ -70,28 +70,28 @@ export class ThresholdView {
     const at = measured(judged, threshold);
     const share = `${count(at.accepted)} of ${counted(judged.length, "answer")} of the played drive ${at.accepted === 1 ? "is" : "are"} accepted`;
     if (knowing && judged.length) {
-      if (!at.accepted) return `At ${threshold.toFixed(2)} no answer of the played drive is accepted.`;
+      if (!at.accepted) return `At ${threshold.toFixed(2)}, no answer of the played drive is accepted.`;
       const recall = at.recall === null ? "" : `, recall ${percent(at.recall, 1)}`;
-      return `At ${threshold.toFixed(2)} ${share}, ${count(at.right)} right and ${count(at.wrong)} wrong: precision ${percent(at.precision, 1)}${recall}.`;
+      return `At ${threshold.toFixed(2)}, ${share}, ${count(at.right)} right and ${count(at.wrong)} wrong: precision ${percent(at.precision, 1)}${recall}.`;
     }
     const row = rowAt(this.table, threshold);
     const own = row ? `On the map's own held-out answers this threshold gives precision ${percent(row.precision, 1)} and recall ${percent(row.recall, 1)}.`
       : this.table.length ? "None of the map's own held-out answers was so sure." : "";
-    return [judged.length ? `At ${threshold.toFixed(2)} ${share}.` : "", own].filter(Boolean).join(" ");
+    return [judged.length ? `At ${threshold.toFixed(2)}, ${share}.` : "", own].filter(Boolean).join(" ");
   }
 
   _drawCurve(points, knowing, threshold) {
     const empty = !points.length;
-    say("curve-caption", empty
-      ? "No curve yet: play a drive whose frames are named as those of the map and tick the box above, or add a second drive with everplace map add, so that the map measures itself."
-      : knowing ? "Precision over recall of the answers played so far. The ring is the threshold."
-        : "Precision over recall of the map's own answers, each drive held out in turn. The ring is the threshold.");
+    show("curve-empty", empty);
+    show("curve-figure", !empty);
+    if (empty) return;
+    byId("curve-caption").textContent = knowing ? "Precision over recall of the answers played so far. The ring is the threshold."
+      : "Precision over recall of the map's own answers, each drive held out in turn. The ring is the threshold.";
     const at = rowAt(points, threshold);
-    this.curve.label = empty ? "No curve of precision over recall yet."
-      : `Precision over recall; at the threshold ${threshold.toFixed(2)} ${at ? `precision ${percent(at.precision, 1)}, recall ${percent(at.recall, 1)}` : "nothing is accepted"}.`;
+    this.curve.label =
+      `Precision over recall; at the threshold ${threshold.toFixed(2)} ${at ? `precision ${percent(at.precision, 1)}, recall ${percent(at.recall, 1)}` : "nothing is accepted"}.`;
     const scale = { x: { min: 0, max: 1, label: "recall" }, y: { min: 0, max: 1, label: "precision" } };
     this.curve.draw(scale, ({ group, x, y }) => {
-      if (empty) return;
       const line = [...points].sort((one, other) => other.threshold - one.threshold);
       group.append(svg("path", { class: "curve", d: `M${line.map((one) => `${x(one.recall)} ${y(one.precision)}`).join("L")}` }));
       if (at) group.append(svg("circle", { class: "ring", cx: x(at.recall), cy: y(at.precision), r: 7 }));
@@ -99,13 +99,13 @@ export class ThresholdView {
   }
 
   _drawAnswers(judged, threshold, knowing) {
-    const { drive } = this;
-    const frames = drive?.frames.length ?? 1;
-    this.points.label = drive ? "Probability of each answer of the played drive, with the threshold." : "No drive yet.";
+    show("answers-empty", this.drive === null);
+    show("answers-figure", this.drive !== null);
+    if (this.drive === null) return;
+    const frames = this.drive.frames.length;
+    this.points.label = "Probability of each answer of the played drive, with the threshold.";
     const kinds = knowing ? ["right", "wrong", "left"] : ["accepted", "left"];
-    byId("answers-caption").replaceChildren(...(drive
-      ? ["Answers along the played drive: ", ...kinds.flatMap((kind) => [legendMark(kind), ` ${NAMES[kind]}  `]), "– – threshold"]
-      : ["Play a drive to see which of its answers are accepted."]));
+    byId("answers-caption").replaceChildren("Answers along the played drive:  ", html("span", { class: "legend" }, ...kinds.map(legendMark), "– – threshold"));
     const scale = { x: { min: 0, max: frames, label: "frame, counted from 0", whole: true }, y: { min: 0, max: 1, label: "probability" } };
     this.points.draw(scale, ({ group, x, y, width }) => {
       const radius = Math.min(Math.max(width / frames / 2, 2), 4.5);
@@ -124,4 +124,4 @@ export class ThresholdView {
 }
 
 const legendMark = (kind) => html("span", { class: "key" },
-  svg("svg", { width: 12, height: 12, viewBox: "0 0 12 12", "aria-hidden": "true" }, svg("path", { class: `mark ${kind}`, d: mark(kind, 6, 6, 4.5) })));
+  svg("svg", { width: 12, height: 12, viewBox: "0 0 12 12", "aria-hidden": "true" }, svg("path", { class: `mark ${kind}`, d: mark(kind, 6, 6, 4.5) })), VERDICTS[kind].replace(/^. /, ""));
