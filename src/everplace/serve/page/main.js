@@ -78,8 +78,10 @@ async function onNewMap() {
   say("files-note", `The map grew to version ${map.info.version} meanwhile, so the drive began anew.`);
 }
 
-function take(found) {
-  if (!map || !found.length) return;
+async function take(found) {
+  if (!found.length) return;
+  await opening; // the user may be quicker than the map
+  if (!map) return;
   const { drives, others } = drivesOf(found);
   const choice = byId("folder-select");
   choice.replaceChildren(...drives.map(({ name, frames }, index) => new Option(`${name || "frames"} (${frames.length})`, index)));
@@ -95,9 +97,12 @@ function listenToFiles() {
   for (const kind of ["frames", "folder"]) {
     const input = byId(`${kind}-input`);
     byId(`choose-${kind}`).onclick = () => input.click();
-    input.onchange = () => {
-      take(filesOfInput(input));
+    input.onchange = async () => {
+      const found = filesOfInput(input);
       input.value = ""; // so that the same choice can be made again
+      await take(found);
+      // Space would open the chooser again, where it is to play and pause.
+      if (drive?.frames.length > 1) byId("play").focus({ preventScroll: true });
     };
   }
   let depth = 0; // of the elements that the pointer entered while it drags
@@ -111,7 +116,7 @@ function listenToFiles() {
     event.preventDefault();
     sign(-Infinity);
     try {
-      take(await filesOfDrop(event.dataTransfer));
+      await take(await filesOfDrop(event.dataTransfer));
     } catch {
       say("query-problem", "The browser could not read what was dropped; choose the files with the buttons.");
     }
@@ -143,7 +148,7 @@ function listenToTransport() {
 
 listenToFiles();
 listenToTransport();
-openMap().catch((error) => {
+const opening = openMap().catch((error) => {
   byId("map-summary").textContent = "";
   say("map-problem", error.message);
 });
