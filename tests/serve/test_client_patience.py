@@ -23,8 +23,7 @@ HEAD = (
 
 @pytest.fixture(scope="module")
 def hurried(unchanged_summer_map: Path) -> Iterator[RunningService]:
-    limits = {"head_seconds": 1.0, "body_seconds": 1.5, "send_seconds": 1.0, "connections": 40}
-    with running(unchanged_summer_map, **limits) as served:
+    with running(unchanged_summer_map, head_seconds=1.0, body_seconds=1.5, send_seconds=1.0, connections=40) as served:
         yield served
 
 

@@ -59,7 +59,7 @@ def test_a_port_in_use(unchanged_summer_map: Path) -> None:
         (["--host", "192.0.2.1", "--token", "x"], "cannot listen at --host 192.0.2.1"),
         (["--host", "no.such.host.invalid", "--token", "x"], "is no name or address of this machine"),
         (["--token", "two words"], "--token must consist of printable ASCII"),
-        (["--port", "65536"], "65536 is not in the range"),
+        (["--port", "65536"], "less than or equal to 65535"),
     ],
 )
 def test_what_cannot_be_served_is_said_in_a_sentence(

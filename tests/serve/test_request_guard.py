@@ -48,12 +48,12 @@ def test_uploads_need_the_token_too(guarded: RunningService, winter: list[Path])
     ("given", "status"),
     [
         (f"Bearer {TOKEN}", 200), (f"bearer {TOKEN}", 200), (f"Bearer {TOKEN}x", 401), (f"Bearer {TOKEN[:-1]}", 401),
-        ("Bearer", 401), ("Bearer ", 401), (TOKEN, 401), (f"Basic {TOKEN}", 401), ("Bearer \u00e9", 401),
+        ("Bearer", 401), (TOKEN, 401), (f"Basic {TOKEN}", 401), ("Bearer \u00e9", 401),
     ],
 )  # fmt: skip
 def test_only_the_whole_token_is_right(guarded: RunningService, given: str, status: int) -> None:
     url = f"http://127.0.0.1:{guarded.port}/map"
-    assert guarded.client.get(url, headers={"Authorization": given.encode("latin-1")}).status_code == status
+    assert guarded.client.get(url, headers={b"Authorization": given.encode("latin-1")}).status_code == status
 
 
 @pytest.mark.parametrize(

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
-import time
-
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from everplace.serve.refusal import RefusedError, too_busy
-from everplace.serve.request_guard import respond
+from everplace.serve.refusal import RefusedError, refuse, too_busy
 from everplace.serve.service_limits import ServiceLimits
 
 __all__ = ["BodyLimit"]
-
-_PATIENCE = 2.0
-_CHUNK_LIMIT = 2
-"""What is thrown away of a body that is too large, in limits: a client reads no answer before it has sent."""
 
 
 class BodyLimit:
@@ -30,12 +22,13 @@ class BodyLimit:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        taken, started = 0, False
+        taken, started, read = 0, False, False
         refusal: RefusedError | None = None
 
         async def receiving() -> Message:
-            nonlocal taken, refusal
+            nonlocal taken, read, refusal
             message = await receive()
+            read = not message.get("more_body")
             size = len(message.get("body", b""))
             taken += size
             self._under_way += size
@@ -63,17 +56,4 @@ class BodyLimit:
         finally:
             self._under_way -= taken
         if refusal is not None and not started:
-            await self._throw_away(receive)
-            await respond(refusal, scope, receive, send, close=True)
-
-    async def _throw_away(self, receive: Receive) -> None:
-        """Reads on for a little while, so that the client comes to read the answer."""
-        end, left = time.monotonic() + _PATIENCE, _CHUNK_LIMIT * self._limits.body_bytes
-        while left > 0 and (wait := end - time.monotonic()) > 0:
-            try:
-                message = await asyncio.wait_for(receive(), wait)
-            except asyncio.TimeoutError:
-                return
-            left -= len(message.get("body", b""))
-            if message["type"] == "http.disconnect" or not message.get("more_body"):
-                return
+            await refuse(refusal, scope, receive, send, read=read)

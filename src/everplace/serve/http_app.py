@@ -20,8 +20,8 @@ from everplace.serve.body_limit import BodyLimit
 from everplace.serve.http_answers import Failure, FrameInfo, Health, LocatedImage, MapOverview
 from everplace.serve.map_service import LocateRequest, MapService
 from everplace.serve.page_files import INDEX, PageFile, page_files
-from everplace.serve.refusal import RefusedError
-from everplace.serve.request_guard import RequestGuard, respond
+from everplace.serve.refusal import RefusedError, refuse
+from everplace.serve.request_guard import RequestGuard
 from everplace.serve.service_metrics import CountedRequests, ServiceMetrics
 
 __all__ = ["build_app"]
@@ -238,6 +238,4 @@ class _Caught:
             print(f"everplace: this is a bug in everplace: {type(error).__name__}", file=sys.stderr)
             traceback.print_exception(error)
             if not started:
-                await respond(
-                    RefusedError(500, "the service failed; it has logged why"), scope, receive, send, close=True
-                )
+                await refuse(RefusedError(500, "the service failed; it has logged why"), scope, receive, send)

@@ -83,6 +83,7 @@ class _Announced(uvicorn.Server):
 def _listening(host: str, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
+        socket.getaddrinfo(host, port, family)  # of a name that nobody knows, create_server says a number only
         return socket.create_server((host, port), family=family, backlog=_BACKLOG)
     except socket.gaierror:
         raise ConfigError(f"`host` {readable(host)} is no name or address of this machine") from None

@@ -8,13 +8,12 @@ import socket
 from collections.abc import Iterable
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from everplace.errors import ConfigError
-from everplace.serve.refusal import RefusedError
+from everplace.serve.refusal import RefusedError, refuse
 
-__all__ = ["RequestGuard", "is_loopback", "require_token", "respond"]
+__all__ = ["RequestGuard", "is_loopback", "require_token"]
 
 _OPEN = ("/", "/healthz")
 _PAGE = "/page/"
@@ -86,7 +85,7 @@ class RequestGuard:
         try:
             self._check(Headers(scope=scope), scope["path"])
         except RefusedError as refusal:
-            await respond(refusal, scope, receive, sending, close=True)
+            await refuse(refusal, scope, receive, sending)
             return
         await self._app(scope, receive, sending)
 
@@ -108,22 +107,6 @@ class RequestGuard:
         if address is not None and (address.is_loopback or self._any_address):
             return True
         return name in self._names
-
-
-async def respond(refusal: RefusedError, scope: Scope, receive: Receive, send: Send, *, close: bool = False) -> None:
-    """Answers with a refusal.
-
-    Args:
-        refusal: It.
-        scope: Of the request.
-        receive: Of the request.
-        send: Of the request.
-        close: End the connection too, as the body was not read.
-    """
-    headers = {**refusal.headers, **({"Connection": "close"} if close else {})}
-    if refusal.status == 401:
-        headers["WWW-Authenticate"] = "Bearer"
-    await JSONResponse({"detail": refusal.sentence}, refusal.status, headers)(scope, receive, send)
 
 
 def _name_of(host: str) -> str:
