@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from everplace.describe.files.descriptors import Descriptors, load_descriptors
     from everplace.describe.registry import load
     from everplace.errors import EverplaceError
-    from everplace.mapping.localizer import Localizer, MapAnswer
+    from everplace.mapping.localizer import Localizer
+    from everplace.mapping.map_answer import MapAnswer
     from everplace.mapping.route_learning import Adaptation, adapt
     from everplace.mapping.route_map import Map
     from everplace.match.matching import Matching
@@ -93,7 +94,7 @@ _HOME = {
     "Frame": "route.traverse",
     "Localizer": "mapping.localizer",
     "Map": "mapping.route_map",
-    "MapAnswer": "mapping.localizer",
+    "MapAnswer": "mapping.map_answer",
     "Matching": "match.matching",
     "Retrieval": "scoring.retrieval",
     "Route": "route.route",

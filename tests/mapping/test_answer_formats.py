@@ -19,7 +19,7 @@ from everplace.mapping.answer_formats import (
     hloc_pairs_text,
     tum_text,
 )
-from everplace.mapping.localizer import MapAnswer
+from everplace.mapping.map_answer import MapAnswer
 from everplace.route.traverse import Pose
 
 ANSWER = MapAnswer(

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from everplace.mapping.frame_graph import FrameGraph
 
-pytest.importorskip("faiss", reason="needs the extra faiss")
-
 
 def unit(frames: int, seed: int = 0) -> NDArray[np.float32]:
     values = np.random.default_rng(seed).normal(size=(frames, 24)).astype(np.float32)

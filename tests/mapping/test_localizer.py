@@ -13,7 +13,8 @@ import pytest
 from tests.mapping.drives import another_camera, images_of
 
 from everplace.errors import EverplaceError, MapError
-from everplace.mapping.localizer import Localizer, MapAnswer
+from everplace.mapping.localizer import Localizer
+from everplace.mapping.map_answer import MapAnswer
 from everplace.mapping.route_map import Map
 from everplace.route.traverse import Pose
 

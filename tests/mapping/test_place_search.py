@@ -9,19 +9,17 @@ import pytest
 from numpy.typing import NDArray
 from tests.mapping.drives import images_of
 
-from everplace.errors import MissingExtraError
-from everplace.mapping import frame_graph, place_search
+from everplace.mapping import place_search
 from everplace.mapping.calibration import PROVISIONAL, place_posterior
 from everplace.mapping.frame_graph import FrameGraph
 from everplace.mapping.frame_window import MAP_MODEL
-from everplace.mapping.localizer import Localizer, MapAnswer
+from everplace.mapping.localizer import Localizer
+from everplace.mapping.map_answer import MapAnswer
 from everplace.mapping.place_scores import PlaceFrames
 from everplace.mapping.place_search import PlaceSearch
 from everplace.mapping.route_map import Map
 from everplace.sequences.evidence import likelihood_ratios, standardised
 from everplace.sequences.frame_change import View, change_in_steps
-
-pytest.importorskip("faiss", reason="needs the extra faiss")
 
 PLACES, DRIVES, NUMBERS = 8000, 3, 48
 
@@ -184,18 +182,3 @@ def test_a_graph_is_of_the_newest_version_and_moves_with_the_map(
     changed = (moved / "graph" / second.name).stat().st_mtime_ns
     Localizer(moved)
     assert (moved / "graph" / second.name).stat().st_mtime_ns == changed
-
-
-def test_without_the_library_the_search_is_exact_and_says_so(
-    three_map: Path, unchanged_rendered_route: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def missing() -> None:
-        raise MissingExtraError("finding places among 100,000 frames and more quickly", "faiss")
-
-    image = images_of(unchanged_rendered_route / "winter")[20]
-    wanted = Localizer(three_map).locate(image)
-    monkeypatch.setattr(place_search, "EXACT_BELOW", 50)
-    monkeypatch.setattr(frame_graph, "_faiss", missing)
-    with pytest.warns(UserWarning, match=r"everplace\[faiss\].*until then every frame is compared with all of the map"):
-        localizer = Localizer(three_map)
-    assert localizer.locate(image) == wanted

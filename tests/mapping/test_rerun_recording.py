@@ -70,8 +70,9 @@ def test_the_pictures_are_those_of_the_frame_and_of_its_match(
     localizer = Localizer(unchanged_three_map, sequence=1)
     image = images_of(unchanged_rendered_route / "winter")[20]
     with rerun_recording(tmp_path / "one.rrd", localizer) as recording:
-        answer = localizer.locate(image)
-        recording.add(SeenFrame("20", image, None), answer)
+        observation = localizer.observe(image)
+        recording.add(SeenFrame("20", image, None), observation)
+    answer = observation.answer
     rows = read(tmp_path / "one.rrd")
     query, match = (
         cv2.imdecode(np.array(only(rows[name], "EncodedImage:blob")[0], np.uint8), cv2.IMREAD_COLOR_RGB)
@@ -107,10 +108,11 @@ def test_a_long_route_has_fewer_bars(
     localizer = Localizer(unchanged_summer_map)
     image = np.random.default_rng(1).integers(0, 256, (64, 128, 3), dtype=np.uint8)
     with rerun_recording(tmp_path / "one.rrd", localizer) as recording:
-        recording.add(SeenFrame("0", image, None), localizer.locate(image))
+        observation = localizer.observe(image)
+        recording.add(SeenFrame("0", image, None), observation)
     bars = read(tmp_path / "one.rrd")["belief/places"][0]
     assert bars["BarChart:abscissa"][0]["buffer"] == list(range(0, 60, 3))
-    greatest = localizer.belief.reshape(20, 3).max(axis=1)
+    greatest = observation.belief.reshape(20, 3).max(axis=1)
     np.testing.assert_allclose(bars["BarChart:values"][0]["buffer"], greatest, rtol=1e-5)
 
 

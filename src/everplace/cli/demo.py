@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -24,7 +25,7 @@ def demo(
     Example: everplace demo --out demo
     """
     require_directory(out)
-    from everplace.experiments.rendered_demo import run_demo
+    from everplace.experiments.rendered_demo import MAP, run_demo
 
     metrics = run_demo(out, details=provenance(), progress=show_progress())
     if as_json:
@@ -33,3 +34,4 @@ def demo(
     for label, area in metrics["mean_auc_pr"].items():
         print(f"{label:<11} auc_pr {area:.3f}")
     print(f"report: {out / 'report.html'}")
+    print(f"a map of the summer, to look at in a browser: everplace serve {shlex.quote(str(out / MAP))}")

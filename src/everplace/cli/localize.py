@@ -90,13 +90,14 @@ def localize(
     frames = progress(stream.frames, f"localizing {stream.name}", stream.count)
     with contextlib.nullcontext() if rerun is None else rerun_recording(rerun, localizer) as recording:
         for number, frame in enumerate(frames):
-            answer = localizer.locate(
+            seen = localizer.observe(
                 frame.image, frame.seconds, excluded=None if exclude is None else (name, number, exclude)
             )
+            answer = seen.answer
             sure = answer.probability >= least
             places[sure] += 1
             if recording is not None:
-                recording.add(frame, answer)
+                recording.add(frame, seen)
             if json_lines:
                 line = {"frame": frame.stem, **answer.to_dict()}
                 if precision is not None:

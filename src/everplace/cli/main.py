@@ -25,6 +25,7 @@ from everplace.cli.match import match
 from everplace.cli.methods import methods
 from everplace.cli.option_names import naming_options, with_options
 from everplace.cli.registering import register
+from everplace.cli.serve import serve
 from everplace.cli.train import train
 from everplace.errors import EverplaceError
 from everplace.threads import wait_briefly
@@ -63,7 +64,7 @@ def _options(
     pass
 
 
-for _subcommand in (demo, train, adapt, methods, describe, match, evaluate, compare, export, localize):
+for _subcommand in (demo, train, adapt, methods, describe, match, evaluate, compare, export, localize, serve):
     register(app, _subcommand)
 app.add_typer(show.app, name="show")
 app.add_typer(data.app, name="data")

@@ -8,11 +8,13 @@ from typing import Any
 
 from everplace.describe.describer import Describer
 from everplace.describe.registry import open_describer
+from everplace.errors import MapError
 from everplace.experiments.comparison import compare_methods
 from everplace.experiments.comparison_methods import Methods, fit, run_of
 from everplace.experiments.comparison_report import write_comparison
 from everplace.experiments.manifest import open_study
 from everplace.experiments.recipe_names import named_method
+from everplace.mapping.route_map import Map
 from everplace.match.matching import Matching
 from everplace.model.checkpoint import load_checkpoint
 from everplace.plots.canvas import new_figure
@@ -27,7 +29,10 @@ from everplace.threads import usable_cores
 from everplace.training.fitted_methods import build_config
 from everplace.training.metrics_table import read_metrics
 
-__all__ = ["DemoSettings", "run_demo"]
+__all__ = ["MAP", "DemoSettings", "run_demo"]
+
+MAP = "map"
+"""Directory of the demo's map, of the route's first traverse."""
 
 MODELS: dict[str, dict[str, str]] = {
     "c-vae": {"model": "c-vae"},
@@ -66,6 +71,8 @@ def run_demo(
     progress: Progress = quiet,
 ) -> dict[str, Any]:
     """Renders a route in summer and winter, trains C-VAE and CP-VAE (both recipes), compares them with SAD and HOG.
+
+    Makes a map of the summer too.
 
     Args:
         out: The directory to fill; a demo that was stopped goes on where it stood.
@@ -117,4 +124,8 @@ def run_demo(
             figure, alt=f"Terms of the bound of {named} over the epochs.", caption=TRAINING_CAPTION
         )
     report.write(out / "report.html")
+    try:
+        Map.open(out / MAP)
+    except MapError:
+        Map.create(out / MAP, route.traverses[0], method="hog16", progress=progress)
     return comparison.metrics()

@@ -25,7 +25,7 @@ from everplace.route.route import Route
 from everplace.route.selection import spread
 from everplace.route.traverse import Traverse
 
-__all__ = ["constant_figure", "load_divided", "swap_figure", "translation_figure"]
+__all__ = ["constant_figure", "decode_latents", "load_divided", "swap_figure", "translation_figure"]
 
 _TITLED = 5.6
 """Inches that a title with the name of a run needs."""
@@ -70,7 +70,9 @@ def swap_figure(model: ConditionVAE, route: Route, place: int | None = None, *, 
         )
     frames = _frames(model, route, [position])[:, 0]
     latents = encode_frames(model, frames)
-    rows = [list(_decode(model, np.broadcast_to(z_p, (len(frames), len(z_p))), latents.z_c)) for z_p in latents.z_p]
+    rows = [
+        list(decode_latents(model, np.broadcast_to(z_p, (len(frames), len(z_p))), latents.z_c)) for z_p in latents.z_p
+    ]
     labels = [traverse.name for traverse in route.traverses]
     figure = new_figure(max(_TITLED, 1.6 + 1.5 * len(labels)))
     draw_swap_grid(
@@ -100,7 +102,7 @@ def constant_figure(model: ConditionVAE, route: Route, *, count: int = 4, label:
     flat = np.concatenate(list(frames))
     latents = encode_frames(model, flat)
     constant = _mean_z_c(model, route.traverses[:1])
-    decoded = _decode(model, latents.z_p, np.broadcast_to(constant, (len(flat), len(constant))))
+    decoded = decode_latents(model, latents.z_p, np.broadcast_to(constant, (len(flat), len(constant))))
     labels = [f"{traverse.name} {traverse.stems[p]}" for traverse in route.traverses for p in positions]
     figure = new_figure(10)
     draw_constant_grid(
@@ -138,7 +140,7 @@ def translation_figure(
         condition: _mean_z_c(model, tuple(one for one in route.traverses if one.condition == condition))
         for condition in conditions
     }
-    drawn = [_decode(model, z_p, np.broadcast_to(mean, (len(z_p), len(mean)))) for mean in means.values()]
+    drawn = [decode_latents(model, z_p, np.broadcast_to(mean, (len(z_p), len(mean)))) for mean in means.values()]
     translations = [
         Translation(frames[place], [images[place] for images in drawn], list(true[:, place]), f"{shown.name} {stem}")
         for place, stem in enumerate(shown.take(positions).stems)
@@ -182,7 +184,8 @@ def _decoded(model: ConditionVAE, traverse: Traverse, positions: list[int]) -> N
     return np.stack(list(decode_images(traverse.take(positions).paths, spec)))
 
 
-def _decode(model: ConditionVAE, z_p: NDArray[np.float32], z_c: NDArray[np.float32]) -> NDArray[np.uint8]:
+def decode_latents(model: ConditionVAE, z_p: NDArray[np.float32], z_c: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """N×H×W×C: the images that a model decodes from z_p and z_c, a row of each an image."""
     device = model.log_sigma.device
     with inference():
         z = model.split.join(torch.from_numpy(np.array(z_p)), torch.from_numpy(np.array(z_c)))

@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from everplace.mapping.localizer import MapAnswer
+from everplace.mapping.map_answer import MapAnswer
 
 __all__ = ["COLUMNS", "LocatedFrame", "csv_text", "g2o_text", "hloc_pairs_text", "tum_text"]
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.errors import MissingExtraError, StorageError
+from everplace.errors import StorageError
 from everplace.files import write_bytes
 from everplace.locking import waiting_turn
 
@@ -42,11 +42,9 @@ class FrameGraph:
 
         Args:
             vectors: N×D of length 1.
-
-        Raises:
-            MissingExtraError: FAISS is not installed.
         """
-        faiss = _faiss()
+        import faiss
+
         index = faiss.IndexHNSWFlat(vectors.shape[1], _NEIGHBOURS)
         index.hnsw.efConstruction = _EFFORT_TO_BUILD
         index.add(vectors)
@@ -63,9 +61,6 @@ class FrameGraph:
             vectors: N×D of length 1.
             directories: Where to look for it, and to keep it in the first that can be written to; of this map's graphs
                 alone.
-
-        Raises:
-            MissingExtraError: FAISS is not installed.
         """
         name = hashlib.sha256(vectors.tobytes()).hexdigest()[:40] + _ENDING
         for directory in directories:
@@ -92,7 +87,8 @@ class FrameGraph:
             count: How many are wanted.
             left_out: (N,) frames that do not count; the more there are, the longer it takes.
         """
-        faiss = _faiss()
+        import faiss
+
         parameters = faiss.SearchParametersHNSW(efSearch=max(_EFFORT, count))
         if left_out is not None:
             shown = np.packbits(~left_out, bitorder="little")
@@ -102,7 +98,9 @@ class FrameGraph:
         return np.asarray(found[0][found[0] >= 0], np.int64)
 
     def _to_bytes(self) -> bytes:
-        return bytes(_faiss().serialize_index(self._index).data)
+        import faiss
+
+        return bytes(faiss.serialize_index(self._index).data)
 
 
 def _read(path: Path) -> FrameGraph | None:
@@ -113,7 +111,9 @@ def _read(path: Path) -> FrameGraph | None:
         return None
     if hashlib.sha256(data[_DIGEST:]).digest() != data[:_DIGEST]:
         return None
-    return FrameGraph(_faiss().deserialize_index(np.frombuffer(data, np.uint8, offset=_DIGEST)))
+    import faiss
+
+    return FrameGraph(faiss.deserialize_index(np.frombuffer(data, np.uint8, offset=_DIGEST)))
 
 
 def _sweep(directory: Path, name: str) -> None:
@@ -122,11 +122,3 @@ def _sweep(directory: Path, name: str) -> None:
         if path.name != name:
             with contextlib.suppress(OSError):  # what cannot be removed hinders nobody
                 path.unlink()
-
-
-def _faiss() -> Any:
-    try:
-        import faiss
-    except ImportError:
-        raise MissingExtraError("finding places among 100,000 frames and more quickly", "faiss") from None
-    return faiss

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
+import copy
 import os
-import warnings
-from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from everplace.describe.runs.adapted import AdaptedDescriber
-from everplace.errors import MapError, MissingExtraError
+from everplace.errors import MapError
 from everplace.images.decoding import convert_image
 from everplace.mapping import place_search
 from everplace.mapping.calibration import place_posterior
 from everplace.mapping.described_drive import how_it_looks
 from everplace.mapping.frame_graph import FrameGraph
 from everplace.mapping.frame_window import MAP_MODEL, SEQUENCE, FrameWindow
+from everplace.mapping.map_answer import MapAnswer, Observation, PlaceMatch
 from everplace.mapping.place_scores import PlaceFrames
 from everplace.mapping.place_search import PlaceSearch
 from everplace.mapping.reliability import threshold_for
@@ -27,44 +26,9 @@ from everplace.progress import Progress, quiet, shown
 from everplace.route.traverse import Pose
 from everplace.sequences.route_model import RouteModel
 
-__all__ = ["Localizer", "MapAnswer"]
+__all__ = ["Localizer"]
 
 _REACH = 1
-
-
-@dataclass(frozen=True, slots=True)
-class MapAnswer:
-    """Where a frame was taken.
-
-    Attributes:
-        place: The best place.
-        drive: The drive whose frame of that place is most like the query.
-        database_frame: That frame's name; also where `off_map` is high.
-        score: Cosine between the two, in [-1, 1]; -1 too where every frame of the map is left out.
-        probability: That the frame shows the place, or a neighbour of it, in [0, 1].
-        off_map: Probability that it shows no place of the map, in [0, 1].
-        condition: Probability of each condition that the map knows.
-        unseen_condition: Whether it looks like none of them.
-        pose: Where the frame of the map was taken, if that is known.
-        provisional: Whether the probabilities come from elsewhere, as the map knows one drive only.
-        time: As it was given.
-    """
-
-    place: int
-    drive: str
-    database_frame: str
-    score: float
-    probability: float
-    off_map: float
-    condition: dict[str, float]
-    unseen_condition: bool
-    pose: Pose | None
-    provisional: bool
-    time: float | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON object of `everplace localize --json-lines`, without the frame's own name."""
-        return {**asdict(self), "pose": None if self.pose is None else list(self.pose)}
 
 
 class Localizer:
@@ -106,18 +70,29 @@ class Localizer:
         self._calibration = opened.calibration
         self._conditions = opened.condition_model
         self._model = MAP_MODEL if model is None else model
-        self._window = FrameWindow(sequence, self._calibration, self._model) if sequence > 1 else None
+        self._window = self._begun(sequence)
         self._numbers = np.asarray(table["number"])[rows]
+        self._condition_of = {drive["name"]: drive["condition"] for drive in opened.document["drives"]}
+
+    def another(self, sequence: int) -> Localizer:
+        """A localizer of another drive, which shares with this one all that stays the same from frame to frame.
+
+        Several may answer at once, in threads of their own.
+
+        Args:
+            sequence: As for a new one.
+        """
+        other = copy.copy(self)
+        other._window = self._begun(sequence)
+        return other
+
+    def _begun(self, sequence: int) -> FrameWindow | None:
+        return FrameWindow(sequence, self._calibration, self._model) if sequence > 1 else None
 
     @property
     def places(self) -> NDArray[np.int64]:
         """(P,) the map's places, in the order of travel."""
         return self._order.places
-
-    @property
-    def belief(self) -> NDArray[np.float64]:
-        """(P,) probability of every place, in the order of `places`, that the last answer rests on; 0 before any."""
-        return self._belief
 
     @property
     def provisional(self) -> bool:
@@ -172,9 +147,30 @@ class Localizer:
         Raises:
             ImageError: The array is no image.
         """
+        return self.observe(image, time, excluded=excluded).answer
+
+    def observe(
+        self,
+        image: NDArray[np.uint8],
+        time: float | None = None,
+        *,
+        matches: int = 0,
+        excluded: tuple[str, int, int] | None = None,
+    ) -> Observation:
+        """Answers one frame as `locate` does, and says what the answer rests on.
+
+        Args:
+            image: As for `locate`.
+            time: Seconds; handed on.
+            matches: How many places to name.
+            excluded: As for `locate`.
+
+        Raises:
+            ImageError: The array is no image.
+        """
         base = self._adapted.base
         features = base.describe_batch(convert_image(image, base.image)[None])[0]
-        return self.locate_described(features, how_it_looks(np.asarray(image)), time, excluded=excluded)
+        return self._observe(features, how_it_looks(np.asarray(image)), time, matches, excluded)
 
     def locate_described(
         self,
@@ -192,6 +188,16 @@ class Localizer:
             time: Seconds; handed on.
             excluded: As for `locate`.
         """
+        return self._observe(features, looks, time, 0, excluded).answer
+
+    def _observe(
+        self,
+        features: NDArray[np.floating],
+        looks: NDArray[np.float32],
+        time: float | None,
+        matches: int,
+        excluded: tuple[str, int, int] | None,
+    ) -> Observation:
         vector = directions(self._adapted.project(features[None].astype(np.float32, copy=False)))[0]
         left_out = None
         if excluded is not None:
@@ -200,23 +206,41 @@ class Localizer:
         found = self._search.scores(vector, left_out)
         posterior, off = self._posterior(found.places)
         posterior = np.where(np.isnan(found.places), 0, posterior)  # though frames before lead there
-        column = int(self._model.worth(posterior[None])[0].argmax())
-        best, score = self._search.best_frame(vector, found, column, left_out)
-        near = float(posterior[max(column - _REACH, 0) : column + _REACH + 1].sum())
-        pose = self._poses[best]
-        return MapAnswer(
-            place=int(self._order.places[column]),
-            drive=str(self._drives[best]),
-            database_frame=self._stems[best],
-            score=max(score, -1.0),
-            probability=min(max(near, 0.0), 1.0),
+
+        def match(column: int) -> PlaceMatch:
+            best, score = self._search.best_frame(vector, found, column, left_out)
+            near = float(posterior[max(column - _REACH, 0) : column + _REACH + 1].sum())
+            drive = str(self._drives[best])
+            pose = self._poses[best]
+            return PlaceMatch(
+                id=int(self._order.rows[best]),
+                drive=drive,
+                condition=self._condition_of[drive],
+                database_frame=self._stems[best],
+                place=int(self._order.places[column]),
+                score=max(score, -1.0),
+                probability=min(max(near, 0.0), 1.0),
+                pose=None if np.isnan(pose).any() else Pose(*pose.tolist()),
+            )
+
+        worth = self._model.worth(posterior[None])[0]
+        best = match(int(worth.argmax()))
+        answer = MapAnswer(
+            place=best.place,
+            drive=best.drive,
+            database_frame=best.database_frame,
+            score=best.score,
+            probability=best.probability,
             off_map=min(max(off, 0.0), 1.0),
             condition=self._conditions.posterior(looks),
             unseen_condition=self._conditions.unseen(looks),
-            pose=None if np.isnan(pose).any() else Pose(*pose.tolist()),
+            pose=best.pose,
             provisional=self._calibration.provisional,
             time=time,
         )
+        similarity = np.where(np.isnan(found.places), np.float32(-1), found.places)
+        columns = np.argsort(-worth, kind="stable")[:matches].tolist() if matches else []
+        return Observation(answer, posterior, similarity, tuple(match(column) for column in columns))
 
     def _posterior(self, scores: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
         """Probability of every place, and of none."""
@@ -231,14 +255,10 @@ def _graph_of(opened: Map, vectors: NDArray[np.float32], progress: Progress) -> 
 
     A map of few frames needs none, and an earlier version is asked too seldom for one to be built.
     """
-    if len(vectors) < place_search.EXACT_BELOW or not opened.newest:
+    if len(vectors) < place_search.EXACT_BELOW or opened.newest_version() != opened.version:
         return None
-    try:
-        return shown(
-            progress,
-            f"preparing the search among {len(vectors):,} frames",
-            lambda: FrameGraph.kept(vectors, opened.graph_directories),
-        )
-    except MissingExtraError as error:
-        warnings.warn(f"{error}; until then every frame is compared with all of the map", stacklevel=3)
-        return None
+    return shown(
+        progress,
+        f"preparing the search among {len(vectors):,} frames",
+        lambda: FrameGraph.kept(vectors, opened.graph_directories),
+    )

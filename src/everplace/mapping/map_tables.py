@@ -27,7 +27,7 @@ from everplace.mapping.image_statistics import STATISTICS
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["FORMAT", "MapState", "MapTables"]
+__all__ = ["FORMAT", "MapState", "MapTables", "Thumbnails"]
 
 FORMAT = 1
 _OWN_NAME = re.compile(r"^lance error: (LanceError\(\w+\): )?")
@@ -176,7 +176,7 @@ class MapTables:
         return states
 
     def newest_version(self) -> int:
-        """Number of the newest version; 0: none."""
+        """The number of the newest version, read without the rest of it; 0: none; errors as `states`."""
         return max(self._read(self._open(_STATES), ["version"])["version"].to_pylist(), default=0)
 
     def frames(self, state: MapState, columns: Sequence[str]) -> pa.Table:
@@ -185,11 +185,22 @@ class MapTables:
         Raises:
             MapError: The table is missing or damaged.
         """
+        found = self._read(self._frames_of(state), list(dict.fromkeys([*columns, "drive", "number"])))
+        return found.take(self._order(state, found))
+
+    def thumbnails(self, state: MapState) -> Thumbnails:
+        """The thumbnails of a version, read one by one; errors as `frames`."""
+        table = self._frames_of(state)
+        return Thumbnails(self.address, table, self._order(state, self._read(table, ["drive", "number"])))
+
+    def _frames_of(self, state: MapState) -> Any:
         table = self._open(_FRAMES)
         table.checkout(state.frames_version)
+        return table
+
+    def _order(self, state: MapState, found: pa.Table) -> NDArray[np.int64]:
+        """Where the frames of a version, by drives and numbers, lie in their table."""
         order = [drive["name"] for drive in state.document["drives"]]
-        wanted = dict.fromkeys([*columns, "drive", "number"])
-        found = self._read(table, list(wanted))
         rank = {name: index for index, name in enumerate(order)}
         drives = np.array([rank.get(name, -1) for name in found["drive"].to_pylist()], np.int64)
         if (drives < 0).any() or len(found) != sum(drive["frames"] for drive in state.document["drives"]):
@@ -197,7 +208,8 @@ class MapTables:
                 f"the map {readable(self.address)} is damaged: its frames are not those of its drives; restore it "
                 "from a copy"
             )
-        return found.take(np.lexsort((np.asarray(found["number"]), drives)))
+        rows: NDArray[np.int64] = np.lexsort((np.asarray(found["number"]), drives))
+        return rows
 
     def descriptors(self, state: MapState) -> NDArray[np.float32]:
         """N×D, in the order of `frames`."""
@@ -309,6 +321,31 @@ class MapTables:
             return (query.select(columns) if columns else query).limit(None).to_arrow()
         except Exception as error:  # LanceDB raises what its core gives
             raise MapError(f"the map {readable(self.address)} is damaged ({_reason(error)}); restore a copy") from None
+
+
+class Thumbnails:
+    """The thumbnails of the frames of a version; several threads may read at once."""
+
+    def __init__(self, address: str, table: Any, rows: NDArray[np.int64]) -> None:
+        """Keeps the table, at its version, and where the frames lie in it."""
+        self._address, self._table, self._rows = address, table, rows
+
+    def __len__(self) -> int:
+        """Returns the number of frames."""
+        return len(self._rows)
+
+    def read(self, frame: int) -> bytes:
+        """The JPEG file of a frame, by its row in the order of `MapTables.frames`.
+
+        Raises:
+            MapError: The map was removed or damaged meanwhile.
+        """
+        try:
+            found = self._table.take_offsets([int(self._rows[frame])]).select(["thumbnail"]).to_arrow()
+        except Exception as error:  # LanceDB raises what its core gives
+            raise MapError(f"the map {readable(self._address)} is damaged ({_reason(error)}); restore a copy") from None
+        data: bytes = found["thumbnail"][0].as_py()
+        return data
 
 
 def as_matrix(column: pa.ChunkedArray) -> NDArray[Any]:

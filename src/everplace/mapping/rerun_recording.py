@@ -14,7 +14,8 @@ from everplace.errors import MissingExtraError
 from everplace.files import write_bytes
 from everplace.images.decoding import resize_image
 from everplace.mapping.frame_stream import SeenFrame
-from everplace.mapping.localizer import Localizer, MapAnswer
+from everplace.mapping.localizer import Localizer
+from everplace.mapping.map_answer import MapAnswer, Observation
 
 __all__ = ["BARS", "RerunRecording", "require_rerun", "rerun_recording"]
 
@@ -84,8 +85,9 @@ class RerunRecording:
         self._arrow = 0.0
         self._show_route(np.array(drives), np.stack([np.asarray(table[name]) for name in ("x", "y")], axis=1))
 
-    def add(self, frame: SeenFrame, answer: MapAnswer) -> None:
-        """Shows a frame and what the localizer has just answered."""
+    def add(self, frame: SeenFrame, seen: Observation) -> None:
+        """Shows a frame and what the localizer answered."""
+        answer = seen.answer
         rerun, stream = self._rerun, self._stream
         stream.set_time("frame", sequence=self._number)
         self._number += 1
@@ -100,7 +102,7 @@ class RerunRecording:
         stream.log("answer/off_map", rerun.Scalars(answer.off_map))
         for name, probability in answer.condition.items():
             stream.log(["condition", name], rerun.Scalars(probability))
-        places, belief = _bars(self._localizer.places, self._localizer.belief)
+        places, belief = _bars(self._localizer.places, seen.belief)
         stream.log("belief/places", rerun.BarChart(belief, abscissa=places))
         if answer.pose is None:
             stream.log("route/match", rerun.Clear(recursive=False))

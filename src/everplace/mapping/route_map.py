@@ -28,7 +28,7 @@ from everplace.mapping.condition_model import ConditionModel
 from everplace.mapping.described_drive import DescribedDrive, describe_drive
 from everplace.mapping.drive_source import open_drive
 from everplace.mapping.map_learning import MapFrames, learn, light_arrays, light_of
-from everplace.mapping.map_tables import MapState, MapTables, as_matrix
+from everplace.mapping.map_tables import MapState, MapTables, Thumbnails, as_matrix
 from everplace.mapping.place_scores import PlaceFrames
 from everplace.mapping.placement import Align, Placement, agreement, believed, pairs_by_name, pairs_by_pose, placed
 from everplace.mapping.self_teaching import sure_pairs_of_scores
@@ -171,6 +171,11 @@ class Map:
         return self._state.version
 
     @property
+    def created(self) -> str:
+        """When this version was made, UTC, ISO 8601."""
+        return self._state.created
+
+    @property
     def document(self) -> Mapping[str, Any]:
         """Method, drives, calibration and what was learnt."""
         return self._state.document
@@ -217,11 +222,6 @@ class Map:
         return ConditionModel.from_arrays({**arrays, "conditions": np.array(self.document["known_conditions"])})
 
     @property
-    def newest(self) -> bool:
-        """Whether it is still the newest version."""
-        return self._tables.newest_version() == self.version
-
-    @property
     def graph_directories(self) -> tuple[Path, ...]:
         """Where the graph of its frames is kept (`everplace.mapping.frame_graph`), the first that can be written to."""
         return self._tables.graph_directories
@@ -245,6 +245,18 @@ class Map:
     def frames(self, *columns: str) -> Any:
         """Columns of the map's frames as an Arrow table, in the order of drives and frames."""
         return self._tables.frames(self._state, columns)
+
+    def thumbnails(self) -> Thumbnails:
+        """Small pictures of the frames, in the order of `frames`, read one by one."""
+        return self._tables.thumbnails(self._state)
+
+    def newest_version(self) -> int:
+        """The newest version at the map's address, looked for anew: somebody else may have added a drive.
+
+        Raises:
+            MapError: The map was removed or damaged meanwhile.
+        """
+        return self._tables.newest_version()
 
     def descriptors(self) -> NDArray[np.float32]:
         """N×D, in the order of `frames`."""

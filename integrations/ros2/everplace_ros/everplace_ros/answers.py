@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from everplace.errors import EverplaceError
 from everplace.importing.containers.ros_image import image_pixels
-from everplace.mapping.localizer import Localizer, MapAnswer
+from everplace.mapping.localizer import Localizer
+from everplace.mapping.map_answer import MapAnswer
 
 __all__ = ["Answered", "ImageAnswerer", "MessageTypes", "pixels_of"]
 

@@ -1,0 +1,111 @@
+// A chart as SVG that is as wide as its place, with labelled axes; colours come from the style sheet.
+
+import { svg } from "./elements.js";
+
+const RIGHT = 12, TOP = 10, BOTTOM = 42;
+const PER_TICK = { x: 70, y: 36 }; // pixels
+
+/** Round numbers between two, not more of them than `most`. */
+export function ticks(min, max, most) {
+  if (max < min) return ticks(max, min, most);
+  const span = max - min;
+  if (!(span > 0)) return [min];
+  const rough = span / Math.max(most, 1);
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((by) => by * power).find((one) => one >= rough * 0.999);
+  const first = Math.ceil(min / step - 1e-9);
+  return Array.from({ length: Math.floor(max / step + 1e-9) - first + 1 }, (_, index) => (first + index) * step);
+}
+
+const plain = (value) => String(Number(value.toPrecision(6)));
+
+/** One chart. It draws itself again when its width changes. */
+export class Chart {
+  /**
+   * @param label What a reader who cannot see it is told; null: what lies over it tells them.
+   * @param height In pixels, or a function of the width inside the axes.
+   * @param left Room for the axis of y, in pixels.
+   */
+  constructor(host, { label = null, height, left = 52 }) {
+    this.host = host;
+    this.height = height;
+    this.left = left;
+    this.root = svg("svg", label === null ? { "aria-hidden": "true" } : { role: "img", "aria-label": label });
+    host.replaceChildren(this.root);
+    this._paint = null;
+    new ResizeObserver(() => this._redraw()).observe(host);
+  }
+
+  /** Changes what a reader who cannot see it is told. */
+  set label(text) {
+    this.root.setAttribute("aria-label", text);
+  }
+
+  /**
+   * Draws.
+   *
+   * @param axes {x, y}, each {min, max, label} and optionally `ticks` [{at, text}] or `whole` (no parts of one).
+   * @param paint Given {group, x, y, left, top, width, height}: where to draw, and from values to pixels.
+   */
+  draw(axes, paint) {
+    this._axes = axes;
+    this._paint = paint;
+    this._redraw();
+  }
+
+  _redraw() {
+    const outer = this.host.clientWidth;
+    if (!this._paint || outer < 80) return;
+    const { x, y } = this._axes;
+    const width = outer - this.left - RIGHT;
+    const height = (typeof this.height === "function" ? this.height(width) : this.height) - TOP - BOTTOM;
+    const toX = (value) => this.left + (width * (value - x.min)) / (x.max - x.min);
+    const toY = (value) => TOP + height - (height * (value - y.min)) / (y.max - y.min);
+    const total = height + TOP + BOTTOM;
+    this.root.setAttribute("width", outer);
+    this.root.setAttribute("height", total);
+    this.root.setAttribute("viewBox", `0 0 ${outer} ${total}`);
+    const group = svg("g");
+    this.root.replaceChildren(
+      svg("g", { class: "axis", "aria-hidden": "true" }, ...this._axis(x, toX, width, "x", height), ...this._axis(y, toY, height, "y", width)),
+      group,
+    );
+    this._paint({ group, x: toX, y: toY, left: this.left, top: TOP, width, height });
+  }
+
+  _axis(axis, to, length, kind, across) {
+    const most = Math.max(1, Math.floor(length / PER_TICK[kind]));
+    const marks = axis.ticks ?? ticks(axis.min, axis.max, most)
+      .filter((at) => !axis.whole || Number.isInteger(Number(at.toPrecision(9))))
+      .map((at) => ({ at, text: plain(at) }));
+    const bottom = kind === "x" ? TOP + across : 0;
+    const drawn = marks.flatMap(({ at, text }) => kind === "x"
+      ? [svg("path", { d: `M${to(at)} ${bottom}v4` }), svg("text", { x: to(at), y: bottom + 16, "text-anchor": "middle" }, text)]
+      : [svg("path", { d: `M${this.left} ${to(at)}h-4` }), svg("path", { class: "grid", d: `M${this.left} ${to(at)}h${across}` }),
+        svg("text", { x: this.left - 7, y: to(at) + 4, "text-anchor": "end" }, text)]);
+    const title = kind === "x"
+      ? svg("text", { class: "title", x: this.left + length / 2, y: bottom + 35, "text-anchor": "middle" }, axis.label)
+      : svg("text", { class: "title", x: 0, y: 0, "text-anchor": "middle", transform: `translate(12 ${TOP + length / 2}) rotate(-90)` }, axis.label);
+    const line = kind === "x" ? `M${this.left} ${bottom}h${length}` : `M${this.left} ${TOP}v${length}`;
+    return [...drawn, svg("path", { d: line }), title];
+  }
+}
+
+/** The ticks of an axis of columns: the numbers of places. */
+export function placeTicks(map, width) {
+  const all = ticks(0, Math.max(map.bins - 1, 1), Math.max(1, Math.floor(width / PER_TICK.x)));
+  return all.filter(Number.isInteger).filter((bin) => bin < map.bins)
+    .map((bin) => ({ at: bin + 0.5, text: String(map.placeNumber(bin * map.perBin)) }));
+}
+
+/** What the axis of places is called. */
+export const PLACES = "place, in the order of travel";
+
+/** The path of a mark around a point: "right" a disc, "wrong" a cross, "accepted" a disc, "left" a ring. */
+export function mark(kind, x, y, radius) {
+  if (kind === "wrong") {
+    const r = radius * 0.95;
+    return `M${x - r} ${y - r}l${2 * r} ${2 * r}M${x - r} ${y + r}l${2 * r} ${-2 * r}`;
+  }
+  return `M${x - radius} ${y}a${radius} ${radius} 0 1 0 ${2 * radius} 0a${radius} ${radius} 0 1 0 ${-2 * radius} 0`;
+}
