@@ -248,7 +248,7 @@ def _mean_absolute_difference(query: NDArray[np.float32], database: NDArray[np.f
     """Compares pair by pair, so that no score depends on what else is compared."""
     import faiss
 
-    differences = faiss.pairwise_distances(
+    differences: NDArray[np.float32] = faiss.pairwise_distances(
         np.ascontiguousarray(query), np.ascontiguousarray(database), metric=faiss.METRIC_L1
     )
     return np.divide(differences, np.float32(query.shape[1]), out=differences)
