@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.importing.sources.test_bag import IMAGE, write_bag
+from tests.importing.sources.test_bag import FIX, IMAGE, write_bag
 from tests.mapping.drives import another_camera, copied, images_of, write_drive, write_video
 
 import everplace as ep
@@ -230,6 +230,58 @@ def test_frames_of_any_kind_join_the_map(
     places = np.asarray(Map.open(summer_map).frames("place")["place"])[60:]
     known = (places >= 0) & (places < 60)
     assert (np.abs(places - np.arange(60))[known] <= 1).mean() >= 0.95
+
+
+def bag_of(path: Path, images: list[NDArray[np.uint8]], east: float = 0.0) -> Path:
+    """A bag whose receiver has a fix at every image, 5 m farther north at each, but none at the 10th to 19th."""
+    rows = [("/camera", IMAGE, 1.0 + number, ("rgb8", image)) for number, image in enumerate(images)]
+    rows += [
+        ("/gps", FIX, 1.0 + n, (-1 if 10 <= n < 20 else 0, 48 + 5 * n / 111_194.9, 11 + east / 74_500))
+        for n in range(len(images))
+    ]
+    return write_bag(path, rows)
+
+
+def poses_of(opened: Map, drive: str) -> NDArray[np.float64]:
+    table = opened.frames("x", "y")
+    mine = np.array(table["drive"].to_pylist()) == drive
+    return np.stack([np.asarray(table["x"]), np.asarray(table["y"])], axis=1)[mine]
+
+
+@pytest.mark.slow
+def test_bags_bring_their_poses_from_one_origin(unchanged_rendered_route: Path, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="needs the extra ros")
+    images = {name: images_of(unchanged_rendered_route / name)[:40] for name in ("summer", "autumn")}
+    first, second = (
+        bag_of(tmp_path / "summer.bag", images["summer"]),
+        bag_of(tmp_path / "autumn.bag", images["autumn"], 3),
+    )
+    m = Map.create(tmp_path / "map", first, method="hog16")
+    known = [*range(10), *range(20, 40)]
+    assert np.isnan(poses_of(m, "summer")[10:20]).all()
+    np.testing.assert_allclose(poses_of(m, "summer")[known, 1], 5.0 * np.array(known), atol=0.5)
+    added = m.add(second, align="poses")
+    assert (added.how, added.sure) == ("poses", 30)
+    np.testing.assert_allclose(poses_of(m, "autumn")[known], poses_of(m, "summer")[known] + [3.0, 0.0], atol=0.1)
+    assert np.asarray(m.frames("place")["place"])[40:][known].tolist() == known
+    assert m.origin == Map.open(tmp_path / "map").origin == (48.0, 11.0)
+
+
+@pytest.mark.slow
+def test_poses_from_elsewhere_are_not_mixed_with_fixes(unchanged_rendered_route: Path, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="needs the extra ros")
+    images = images_of(unchanged_rendered_route / "summer")[:40]
+    bag = bag_of(tmp_path / "drive.bag", images)
+    poses = tmp_path / "poses.csv"
+    poses.write_text("stem,x,y,heading\n" + "".join(f"{number:06d},7,{number},0\n" for number in range(40)))
+    m = Map.create(tmp_path / "map", bag, poses=poses, method="hog16")
+    assert poses_of(m, "drive").tolist() == [[7, number] for number in range(40)]
+    assert m.origin == ()
+    m.add(bag, name="again", learn=False)
+    assert np.isnan(poses_of(m, "again")).all()
+    unplaced = Map.create(tmp_path / "other", write_drive(tmp_path / "plain", images), method="hog16")
+    unplaced.add(bag, name="placed", learn=False)
+    assert np.isfinite(poses_of(unplaced, "placed")).all(axis=1).sum() == 30
 
 
 def same(one: Map, other: Map) -> None:

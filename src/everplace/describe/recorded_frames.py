@@ -20,7 +20,7 @@ from everplace.importing.frame_pixels import decode_content
 from everplace.importing.kinds import open_kind, read_options
 from everplace.importing.route_writer import unreadable
 
-__all__ = ["RecordedFrames", "is_recording", "open_recording"]
+__all__ = ["RecordedFrames", "is_recording", "is_video", "open_recording"]
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,11 @@ def is_recording(path: Path) -> bool:
     return path.suffix.lower() in VIDEO_ENDINGS | BAG_ENDINGS
 
 
+def is_video(path: Path) -> bool:
+    """Whether this is a video, not a bag, of what `is_recording` knows."""
+    return path.suffix.lower() in VIDEO_ENDINGS and path.is_file()
+
+
 def open_recording(path: Path, options: Mapping[str, str] | None = None) -> RecordedFrames:
     """Opens a video or a bag; its frames are called by their numbers in it.
 
@@ -95,7 +100,7 @@ def open_recording(path: Path, options: Mapping[str, str] | None = None) -> Reco
     """
     if not path.exists():
         raise RouteError(f"the recording {readable(path)} does not exist; check the path")
-    kind = "video" if path.suffix.lower() in VIDEO_ENDINGS and path.is_file() else "bag"
+    kind = "video" if is_video(path) else "bag"
     source = open_kind(kind)
     given = {"stems": "file", **(options or {})}
     if kind == "bag" and "every_metres" not in given:  # nothing else needs poses

@@ -115,12 +115,12 @@ class Map:
 
         Args:
             address: An empty or missing directory, or an object store's address.
-            drive: A traverse, a directory of images, a video or a bag.
+            drive: A traverse, a directory of images, a video or a bag, whose satellite fixes become poses.
             name: What the drive is called; empty: as its file or directory.
             condition: What it shows the route under; empty: the drive's name.
             method: What describes frames; empty: `default_method`.
             dimensions: Numbers of a descriptor; lowered to the places less one.
-            poses: CSV file of where the frames were taken.
+            poses: CSV file of where the frames were taken, in place of what the drive says.
             progress: Told of the frames.
 
         Raises:
@@ -133,7 +133,7 @@ class Map:
             _require_free(tables)
             describer = reduced(open_describer(method or default_method(), progress=progress))
             require_standardisable(describer.method, describer.metric)
-            drive_frames = open_drive(drive)
+            drive_frames = open_drive(drive, fixes=poses is None)
             name = name or drive_frames.name
             described = describe_drive(drive_frames, describer, progress, in_other_light=True)
             if len(described) < 3:
@@ -151,7 +151,7 @@ class Map:
             document = {
                 "method": method or default_method(), "method_name": describer.method,
                 "settings": dict(describer.settings()), "features": describer.dimension, "dimensions": dimensions,
-                "drives": [entry],
+                "drives": [entry], "origin": list(drive_frames.origin),
             }  # fmt: skip
             arrays = light_arrays(described.light)
             try:
@@ -194,6 +194,11 @@ class Map:
     def conditions(self) -> tuple[str, ...]:
         """The conditions that it knows."""
         return tuple(dict.fromkeys(drive["condition"] for drive in self.document["drives"]))
+
+    @property
+    def origin(self) -> tuple[float, ...]:
+        """Latitude and longitude from which the metres of its poses count; empty: they are of no place on Earth."""
+        return tuple(self.document.get("origin", ()))
 
     @property
     def calibration(self) -> Calibration:
@@ -282,12 +287,13 @@ class Map:
         """Aligns a drive with the map, adds it, and learns from what is sure.
 
         Args:
-            drive: A traverse, a directory of images, a video or a bag, of any size, grey or in colour.
+            drive: A traverse, a directory of images, a video or a bag, of any size, grey or in colour. The satellite
+                fixes of a bag become poses, unless the map has poses that count from elsewhere.
             name: What it is called; empty: as its file or directory.
             condition: What it shows the route under; empty: the name.
             align: What tells the places: "names", "poses", "images", or "auto": names where the image search agrees
                 with them, else images.
-            poses: CSV file of where the frames were taken.
+            poses: CSV file of where the frames were taken, in place of what the drive says.
             learn: Adapt the descriptor again, from this drive too.
             report: Directory to write a page to of what the images show, sure and refused.
             details: Where the report comes from, such as the command.
@@ -304,7 +310,8 @@ class Map:
             state = self._tables.states()[-1]
             self._tables.revert(state)
             self._state = state
-            source = open_drive(drive)
+            fixes = poses is None and self._takes_fixes
+            source = open_drive(drive, fixes=fixes, origin=self.origin)
             name = name or source.name
             if name in self.drives:
                 raise MapError(
@@ -320,6 +327,7 @@ class Map:
                 "agreement": placement.agreement,
             }  # fmt: skip
             document = {**self.document, "drives": [*self.document["drives"], entry]}
+            document["origin"] = list(self.origin or source.origin)
             frames = self._tables.add_frames(_rows(name, described, placement))
             self._state = _learnt(self._tables, state, document, state.arrays, frames, progress, learns=learn)
         if report is not None and shown_drive is not None:
@@ -422,6 +430,11 @@ class Map:
             except MapError as error:
                 faults.append(f"version {state.version}: {error}")
         return faults
+
+    @property
+    def _takes_fixes(self) -> bool:
+        """Whether metres from a place on Earth go together with the poses it has."""
+        return bool(self.origin) or bool(np.isnan(np.asarray(self.frames("x")["x"])).all())
 
     def _placed(self, described: DescribedDrive, align: Align) -> Placement:
         table = self.frames("stem", "place", "position", "x", "y", "heading")

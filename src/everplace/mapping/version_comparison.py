@@ -86,7 +86,7 @@ def compare_versions(
         known = np.asarray(table["sure"])[here] | (drive == newest.drives[0])
         true = np.where(known, np.asarray(table["place"])[here], -1)
     else:
-        source = open_drive(drive)
+        source = open_drive(drive, fixes=bool(newest.origin), origin=newest.origin)
         name = source.name
         described = describe_drive(source, newest.describer(), progress, in_other_light=False)
         features, looks = described.features, described.looks

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -27,13 +28,13 @@ from everplace.importing.containers.file_trees import TreePath
 from everplace.importing.containers.ros_bag import BAG_ENDINGS, METADATA, Topic, read_messages, read_topics
 from everplace.importing.containers.ros_image import image_pixels
 from everplace.importing.foreign_route import Content, Encoded, ForeignFrame, ForeignRoute
-from everplace.importing.positions.pose_track import with_poses
+from everplace.importing.positions.pose_track import PoseTrack, with_poses
 from everplace.importing.recording import Drive, passed_over, recorded_route
 from everplace.importing.recording_parts import PartOptions, Recording, find_recordings
 from everplace.importing.sources._bag_poses import FIX, POSES, Clock, first_position, read_track, stamp_of
 from everplace.route.natural_order import natural_sorted
 
-__all__ = ["EXTRAS", "SUMMARY", "Options", "read"]
+__all__ = ["EXTRAS", "SUMMARY", "Options", "read", "read_fixes"]
 
 SUMMARY = "a ROS 1 bag, a ROS 2 bag or an MCAP file, or a directory of them, one for each drive"
 
@@ -118,6 +119,32 @@ def read(source: Path, options: Options) -> ForeignRoute:
             f"`origin`={origin[0]!r},{origin[1]!r}."
         )
     return recorded_route(source, drives, options, notes)
+
+
+def read_fixes(bag: Path, origin: tuple[float, ...] = ()) -> tuple[PoseTrack, tuple[float, ...]] | None:
+    """Reads where a bag was by satellite, if one topic of it says so; of several it warns.
+
+    Args:
+        bag: One bag.
+        origin: Latitude and longitude from which metres are counted; empty: those of the first fix.
+
+    Returns:
+        The track and its origin; None: no topic has fixes, or several have.
+
+    Raises:
+        RouteError: The bag is damaged.
+        MissingExtraError: rosbags is not installed.
+    """
+    topics = read_topics([bag], (FIX,))
+    if len(topics) > 1:
+        named = ", ".join(readable(topic.name) for topic in topics)
+        warnings.warn(
+            f"{readable(bag)} holds several topics of satellite fixes ({named}); none was taken", stacklevel=3
+        )
+    if len(topics) != 1 or topics[0].types != {FIX}:
+        return None
+    origin = origin or first_position([bag], topics[0]) or ()
+    return (read_track([bag], topics[0], readable(bag), "header", "x", origin), origin) if origin else None
 
 
 def _bags(directory: Path) -> list[str]:
