@@ -21,7 +21,18 @@ from everplace.route.selection import Selection, parse_frames
 from everplace.scoring.retrieval import retrieve
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
-from studies import adaptation, calibration, comparisons, folds, living_map, map_kills, prior, sequences, teaching
+from studies import (
+    adaptation,
+    calibration,
+    comparisons,
+    first_map,
+    folds,
+    living_map,
+    map_kills,
+    prior,
+    sequences,
+    teaching,
+)
 from studies.protocols import PROTOCOLS, Protocol
 from studies.tables import SCORES, spread
 
@@ -42,6 +53,7 @@ def study() -> None:
         "prior": prior.main,
         "adaptation": adaptation.main,
         "living_map": living_map.main,
+        "first_map": first_map.main,
         "map_kills": map_kills.main,
         "teaching": teaching.main,
     }
