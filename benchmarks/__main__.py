@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import augmenting, beside_work, describing, fabmap, memory, opening, sequences, training
+from benchmarks import augmenting, beside_work, describing, fabmap, memory, opening, sequences, serving, training
 from benchmarks.ratio import Ratio
 
 STUDIES = {
@@ -22,6 +22,7 @@ STUDIES = {
     "fabmap": fabmap.measure,
     "opening": opening.measure,
     "sequences": sequences.measure,
+    "serving": serving.measure,
 }
 
 
