@@ -85,3 +85,9 @@ def test_the_token_of_the_environment_counts(unchanged_summer_map: Path) -> None
     with running(unchanged_summer_map, token="from-outside") as service:
         assert service.client.get("/map").status_code == 401
         assert service.client.get("/map", headers={"Authorization": "Bearer from-outside"}).status_code == 200
+
+
+@pytest.mark.parametrize("missing", ["fastapi", "prometheus_client", "python_multipart", "uvicorn"])
+def test_without_the_extra_it_says_how_to_get_it(missing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, missing, None)
+    assert "pip install 'everplace[serve]'" in refused("serve", tmp_path)
