@@ -96,12 +96,12 @@ export class AnswerView {
     const rows = [
       ["This place, or the one next to it", percent(answer.probability, 1)],
       ["Not on the map", percent(answer.off_map, 1)],
-      ["Cosine to the best frame", signed(answer.score, 3)],
+      ["Cosine to the match", signed(answer.score, 3)],
     ];
     if (answer.pose) {
       const [x, y, heading] = answer.pose;
       const turned = heading === undefined || heading === null ? "" : `, heading ${signed((heading * 180) / Math.PI, 0)}°`;
-      rows.push(["Pose of the best frame", `x ${signed(x, 1)} m, y ${signed(y, 1)} m${turned}`]);
+      rows.push(["Pose of the match", `x ${signed(x, 1)} m, y ${signed(y, 1)} m${turned}`]);
     }
     const conditions = Object.entries(answer.condition).sort((one, other) => other[1] - one[1]).map(([name, share]) => {
       const bar = html("meter", { min: 0, max: 1, "aria-hidden": "true" });
