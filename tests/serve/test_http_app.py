@@ -231,6 +231,7 @@ def test_files_of_a_megabyte_and_more(service: RunningService, winter: list[Path
     assert service.client.post("/localize", files={"image": ("noise.png", file.getvalue())}).json()["frame"] == "noise"
 
 
+@pytest.mark.slow
 def test_a_map_that_grows_meanwhile(summer_map: Path, unchanged_rendered_route: Path, winter: list[Path]) -> None:
     with running(summer_map, look_seconds=0.2) as service, ThreadPoolExecutor(1) as pool:
         first = service.localize(winter[30], session="drive").json()
