@@ -21,6 +21,7 @@ from benchmarks import (
     opening,
     scores,
     sequences,
+    serving,
     training,
 )
 from benchmarks.ratio import Ratio
@@ -36,6 +37,7 @@ STUDIES = {
     "scores": scores.measure,
     "sequences": sequences.measure,
     "large-map": large_map.measure,
+    "serving": serving.measure,
 }
 
 

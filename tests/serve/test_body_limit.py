@@ -41,6 +41,7 @@ def test_requests_that_take_no_body_read_none(limited: RunningService) -> None:
     assert limited.client.request("GET", "/healthz").status_code == 200
 
 
+@pytest.mark.slow
 def test_together_they_are_limited_and_what_ends_makes_room(limited: RunningService, winter: list[Path]) -> None:
     head = (
         b"POST /localize HTTP/1.1\r\nHost: localhost\r\nContent-Type: multipart/form-data; boundary=b\r\n"

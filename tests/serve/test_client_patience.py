@@ -46,6 +46,7 @@ def seconds_until_closed(port: int, first: bytes, drip: bytes) -> float:
     return time.monotonic() - start
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("first", "drip", "seconds"),
     [
@@ -62,6 +63,7 @@ def test_slow_clients_are_left(hurried: RunningService, first: bytes, drip: byte
     assert seconds - 0.3 <= taken < seconds + 4
 
 
+@pytest.mark.slow
 def test_others_are_served_beside_slow_clients(hurried: RunningService, winter: list[Path]) -> None:
     slow = [threading.Thread(target=seconds_until_closed, args=(hurried.port, HEAD, b"x")) for _ in range(20)]
     for client in slow:
@@ -71,6 +73,7 @@ def test_others_are_served_beside_slow_clients(hurried: RunningService, winter: 
         client.join()
 
 
+@pytest.mark.slow
 def test_an_answer_that_nobody_reads_is_dropped(hurried: RunningService) -> None:
     """Thousands of pipelined requests fill every buffer between the two."""
     asked = b"GET /map HTTP/1.1\r\nHost: localhost\r\n\r\n"
@@ -131,6 +134,7 @@ def test_two_hundred_at_once_are_served_or_told_to_come_back(service: RunningSer
             assert "ask again" in answer.json()["detail"]
 
 
+@pytest.mark.slow
 def test_too_many_connections_are_told_to_come_back(hurried: RunningService) -> None:
     time.sleep(1.5)  # those of other tests are gone
     held = [socket.create_connection(("127.0.0.1", hurried.port)) for _ in range(40)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -231,12 +231,20 @@ def test_files_of_a_megabyte_and_more(service: RunningService, winter: list[Path
     assert service.client.post("/localize", files={"image": ("noise.png", file.getvalue())}).json()["frame"] == "noise"
 
 
+@pytest.mark.slow
 def test_a_map_that_grows_meanwhile(summer_map: Path, unchanged_rendered_route: Path, winter: list[Path]) -> None:
-    with running(summer_map, look_seconds=0.2) as service:
+    with running(summer_map, look_seconds=0.2) as service, ThreadPoolExecutor(1) as pool:
         first = service.localize(winter[30], session="drive").json()
         assert (first["version"], first["provisional"]) == (1, True)
-        Map.open(summer_map).add(unchanged_rendered_route / "winter")
-        time.sleep(0.3)
+        adding = pool.submit(lambda: Map.open(summer_map).add(unchanged_rendered_route / "winter"))
+        versions = [1]
+        while versions[-1] == 1 or not adding.done():
+            answer = service.localize(winter[30], session="other")
+            assert answer.status_code == 200
+            versions.append(answer.json()["version"])
+            assert len(versions) < 5000, adding.exception(timeout=1)
+        assert set(versions) == {1, 2}
+        assert versions == sorted(versions)
         later = service.localize(winter[31], session="drive").json()
         assert (later["version"], later["drive"], later["place"]) == (2, "winter", 31)
         anew = Localizer(summer_map).locate(decode_image(winter[31], ImageSpec())).probability

@@ -19,6 +19,7 @@ from tests.serve.running_service import running
 @pytest.mark.parametrize(
     ("sent", "status", "said"), [(signal.SIGINT, 130, "everplace: stopped\n"), (signal.SIGTERM, 0, "")]
 )
+@pytest.mark.slow
 def test_it_ends_at_once_whoever_is_connected(
     unchanged_summer_map: Path, sent: signal.Signals, status: int, said: str
 ) -> None:
@@ -74,14 +75,22 @@ def test_no_map_no_service(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not socket.has_ipv6 or not Path("/proc/net/if_inet6").exists(), reason="no IPv6 here")
+@pytest.mark.slow
 def test_ipv6(unchanged_summer_map: Path) -> None:
     with running(unchanged_summer_map, "--host", "::1") as service:
         assert service.url.startswith("http://[::1]:")
         assert service.client.get("/healthz").status_code == 200
 
 
+@pytest.mark.slow
 def test_the_token_of_the_environment_counts(unchanged_summer_map: Path) -> None:
     assert "EVERPLACE_TOKEN" not in os.environ
     with running(unchanged_summer_map, token="from-outside") as service:
         assert service.client.get("/map").status_code == 401
         assert service.client.get("/map", headers={"Authorization": "Bearer from-outside"}).status_code == 200
+
+
+@pytest.mark.parametrize("missing", ["fastapi", "prometheus_client", "python_multipart", "uvicorn"])
+def test_without_the_extra_it_says_how_to_get_it(missing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, missing, None)
+    assert "pip install 'everplace[serve]'" in refused("serve", tmp_path)

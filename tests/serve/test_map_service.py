@@ -6,9 +6,12 @@ import shutil
 import time
 from pathlib import Path
 
+import pytest
 from tests.serve.running_service import RunningService, running
 
 from everplace.mapping.route_map import Map
+
+pytestmark = pytest.mark.slow
 
 
 def wait(service: RunningService, version: int) -> None:

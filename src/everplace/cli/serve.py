@@ -32,7 +32,7 @@ def serve(
     """
     import importlib.util
 
-    for module in ("fastapi", "multipart", "prometheus_client", "uvicorn"):
+    for module in ("fastapi", "prometheus_client", "python_multipart", "uvicorn"):
         if importlib.util.find_spec(module) is None:
             raise MissingExtraError("everplace serve", "serve")
     from everplace.serve.http_server import serve_map

@@ -1,7 +1,7 @@
 // The query beside the place that it matches, the answer in a sentence and in numbers, and the next best places.
 
 import { PROVISIONAL, conditionOf, isOffMap, sentenceOf } from "./answer_sentence.js";
-import { byId, html, percent, say, show } from "./elements.js";
+import { byId, html, percent, say, show, signed } from "./elements.js";
 import { pictureOf, translated } from "./service.js";
 
 /** What a threshold makes of an answer, in words. */
@@ -87,7 +87,7 @@ export class AnswerView {
       setPicture(item.firstChild, pictureOf(match.id, this.map.info.version), `Place ${match.place} in ${match.condition}`);
       item.lastChild.replaceChildren(
         html("strong", {}, percent(match.probability)), ` place ${match.place}`, html("br"),
-        html("span", { class: "hint" }, `${match.drive}, cosine ${match.score.toFixed(2)}`),
+        html("span", { class: "hint" }, `${match.drive}, cosine ${signed(match.score, 2)}`),
       );
     });
   }
@@ -96,12 +96,12 @@ export class AnswerView {
     const rows = [
       ["This place, or the one next to it", percent(answer.probability, 1)],
       ["Not on the map", percent(answer.off_map, 1)],
-      ["Cosine to the best frame", answer.score.toFixed(3)],
+      ["Cosine to the match", signed(answer.score, 3)],
     ];
     if (answer.pose) {
       const [x, y, heading] = answer.pose;
-      const turned = heading === undefined || heading === null ? "" : `, heading ${((heading * 180) / Math.PI).toFixed(0)}°`;
-      rows.push(["Pose of the best frame", `x ${x.toFixed(1)} m, y ${y.toFixed(1)} m${turned}`]);
+      const turned = heading === undefined || heading === null ? "" : `, heading ${signed((heading * 180) / Math.PI, 0)}°`;
+      rows.push(["Pose of the match", `x ${signed(x, 1)} m, y ${signed(y, 1)} m${turned}`]);
     }
     const conditions = Object.entries(answer.condition).sort((one, other) => other[1] - one[1]).map(([name, share]) => {
       const bar = html("meter", { min: 0, max: 1, "aria-hidden": "true" });

@@ -7,7 +7,6 @@ const PER_TICK = { x: 70, y: 36 }; // pixels
 
 /** Round numbers between two, not more of them than `most`. */
 export function ticks(min, max, most) {
-  if (max < min) return ticks(max, min, most);
   const span = max - min;
   if (!(span > 0)) return [min];
   const rough = span / Math.max(most, 1);
@@ -17,7 +16,7 @@ export function ticks(min, max, most) {
   return Array.from({ length: Math.floor(max / step + 1e-9) - first + 1 }, (_, index) => (first + index) * step);
 }
 
-const plain = (value) => String(Number(value.toPrecision(6)));
+const plain = (value) => String(Number(value.toPrecision(6))).replace("-", "\u2212");
 
 /** One chart. It draws itself again when its width changes. */
 export class Chart {
@@ -44,7 +43,7 @@ export class Chart {
   /**
    * Draws.
    *
-   * @param axes {x, y}, each {min, max, label} and optionally `ticks` [{at, text}] or `whole` (no parts of one).
+   * @param axes {x, y}, each {min, max, label} and optionally `ticks`, which gives [{at, text}], at most so many.
    * @param paint Given {group, x, y, left, top, width, height}: where to draw, and from values to pixels.
    */
   draw(axes, paint) {
@@ -75,9 +74,7 @@ export class Chart {
 
   _axis(axis, to, length, kind, across) {
     const most = Math.max(1, Math.floor(length / PER_TICK[kind]));
-    const marks = axis.ticks ?? ticks(axis.min, axis.max, most)
-      .filter((at) => !axis.whole || Number.isInteger(Number(at.toPrecision(9))))
-      .map((at) => ({ at, text: plain(at) }));
+    const marks = axis.ticks?.(most) ?? ticks(axis.min, axis.max, most).map((at) => ({ at, text: plain(at) }));
     const bottom = kind === "x" ? TOP + across : 0;
     const drawn = marks.flatMap(({ at, text }) => kind === "x"
       ? [svg("path", { d: `M${to(at)} ${bottom}v4` }), svg("text", { x: to(at), y: bottom + 16, "text-anchor": "middle" }, text)]
@@ -91,15 +88,19 @@ export class Chart {
   }
 }
 
-/** The ticks of an axis of columns: the numbers of places. */
-export function placeTicks(map, width) {
-  const all = ticks(0, Math.max(map.bins - 1, 1), Math.max(1, Math.floor(width / PER_TICK.x)));
-  return all.filter(Number.isInteger).filter((bin) => bin < map.bins)
+/** The axis of a map's columns, with the numbers of their places. */
+export function placeAxis(map) {
+  const marks = (most) => ticks(0, Math.max(map.bins - 1, 1), most).filter((bin) => Number.isInteger(bin) && bin < map.bins)
     .map((bin) => ({ at: bin + 0.5, text: String(map.placeNumber(bin * map.perBin)) }));
+  return { min: 0, max: map.bins, label: "place, in the order of travel", ticks: marks };
 }
 
-/** What the axis of places is called. */
-export const PLACES = "place, in the order of travel";
+/** The axis of a drive's frames. */
+export function frameAxis(frames) {
+  const marks = (most) => ticks(0, frames, most).filter((frame) => Number.isInteger(frame) && frame < frames)
+    .map((frame) => ({ at: frame + 0.5, text: String(frame) }));
+  return { min: 0, max: frames, label: "frame, counted from 0", ticks: marks };
+}
 
 /** The path of a mark around a point: "right" a disc, "wrong" a cross, "accepted" a disc, "left" a ring. */
 export function mark(kind, x, y, radius) {

@@ -35,6 +35,9 @@ export function percent(share, digits = 0) {
   return `${(100 * share).toFixed(digits)}\u00a0%`;
 }
 
+/** A number with so many decimals, and with a minus rather than a hyphen. */
+export const signed = (value, decimals) => value.toFixed(decimals).replace("-", "\u2212");
+
 /** A number with its thousands apart. */
 export const count = (number) => number.toLocaleString("en-GB").replaceAll(",", "\u202f");
 

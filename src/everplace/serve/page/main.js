@@ -29,7 +29,7 @@ async function openMap() {
 
 function begin({ name, frames }) {
   drive?.end();
-  drive = new PlayedDrive(name, frames, map.info.version, { onShown, onState, onProblem: (text) => say("query-problem", text), onNewMap });
+  drive = new PlayedDrive(name, frames, map.info.version, { onShown, onState, onProblem, onNewMap });
   drive.pace = Number(byId("speed").value);
   const several = frames.length > 1;
   say("query-problem", "");
@@ -37,6 +37,7 @@ function begin({ name, frames }) {
   views.matrix.begin(several ? drive : null);
   views.threshold.begin(several ? drive : null);
   views.route.show(null);
+  byId("query-empty").textContent = "Looking for its place on the map.";
   onState();
   if (several) drive.play();
   else drive.show(0);
@@ -50,6 +51,11 @@ function onShown() {
   views.matrix.update();
   views.threshold.update();
   onState();
+}
+
+function onProblem(text) {
+  say("query-problem", text);
+  show("query-empty", false);
 }
 
 function onState() {
@@ -90,7 +96,7 @@ async function take(found) {
   const several = drives.length > 1 ? `${drives.length} folders hold frames; the first one is played, the others can be chosen.` : "";
   say("files-note", [passedOver(others), several].filter(Boolean).join(" "));
   if (drives.length) begin(drives[0]);
-  else say("query-problem", "There is no image among these files; choose PNG or JPEG files.");
+  else say("query-problem", "There is no image among these files; choose PNG or JPEG files. Videos and bags are answered by everplace localize.");
 }
 
 function listenToFiles() {
@@ -129,7 +135,7 @@ function listenToTransport() {
   byId("step-on").onclick = () => drive.step(1);
   byId("position").oninput = () => {
     drive.pause();
-    drive.show(Math.min(Number(byId("position").value), drive.answers.length - 1));
+    if (drive.answers.length) drive.show(Math.min(Number(byId("position").value), drive.answers.length - 1));
     onState();
   };
   byId("speed").onchange = () => { drive.pace = Number(byId("speed").value); };

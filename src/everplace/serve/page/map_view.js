@@ -1,6 +1,6 @@
 // What the map holds: which places it knows under which condition, and what each drive taught it.
 
-import { Chart, PLACES, placeTicks } from "./chart.js";
+import { Chart, placeAxis } from "./chart.js";
 import { asSentence, byId, count, counted, html, listed, percent, svg } from "./elements.js";
 import { gridCursor } from "./grid_cursor.js";
 
@@ -16,11 +16,9 @@ export function showMap(map) {
     label: `Places by condition: ${conditions.map((name, row) => `${name} ${holesOf(map, cells, row).text}`).join("; ")}.`,
     height: ROW * conditions.length + 52, left: Math.min(Math.max(...conditions.map((name) => name.length)), LONGEST) * 7 + 14,
   });
-  const x = { min: 0, max: map.bins, label: PLACES };
-  Object.defineProperty(x, "ticks", { get: () => placeTicks(map, byId("coverage-chart").clientWidth) });
-  const y = { min: conditions.length, max: 0, label: "", ticks: conditions.map((name, row) => ({ at: row + 0.5, text: shortened(name) })) };
+  const y = { min: conditions.length, max: 0, label: "", ticks: () => conditions.map((name, row) => ({ at: row + 0.5, text: shortened(name) })) };
   const marks = svg("svg", { class: "overlay", tabindex: "0", role: "application", "aria-roledescription": "table of places and conditions", "aria-describedby": "coverage-readout", "aria-label": "Places by condition" });
-  chart.draw({ x, y }, (area) => {
+  chart.draw({ x: placeAxis(map), y }, (area) => {
     const { group, x: toX, y: toY, left, top, width, height } = area;
     group.append(svg("defs", {}, svg("pattern", { id: "hole", width: 6, height: 6, patternUnits: "userSpaceOnUse" },
       svg("path", { class: "hatch", d: "M-1 7 7 -1M-1 1 1 -1M5 7 7 5" }))));

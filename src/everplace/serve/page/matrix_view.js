@@ -1,8 +1,8 @@
 // The played drive against the map: a picture with a row for each frame and a column for each place.
 
 import { setPicture } from "./answer_view.js";
-import { Chart, PLACES, mark, placeTicks } from "./chart.js";
-import { byId, html, percent, show, svg } from "./elements.js";
+import { Chart, frameAxis, mark, placeAxis } from "./chart.js";
+import { byId, html, percent, show, signed, svg } from "./elements.js";
 import { gridCursor } from "./grid_cursor.js";
 import { pictureOf } from "./service.js";
 
@@ -135,16 +135,13 @@ export class MatrixView {
     const stops = COLOURS.filter((_, index) => index % 15 === 0).map((colour, index) =>
       svg("rect", { x: index * 6, y: 0, width: 6.5, height: 12, fill: `rgb(${colour})` }));
     const name = this.kind === "belief" ? "probability" : "cosine";
-    byId("matrix-legend").replaceChildren(`${name} ${low.toFixed(1)} `,
-      svg("svg", { width: 108, height: 12, viewBox: "0 0 108 12", "aria-hidden": "true" }, ...stops), ` ${high.toFixed(1)}`);
+    byId("matrix-legend").replaceChildren(`${name} ${signed(low, 1)} `,
+      svg("svg", { width: 108, height: 12, viewBox: "0 0 108 12", "aria-hidden": "true" }, ...stops), ` ${signed(high, 1)}`);
   }
 
   _layOut() {
-    const { map, drive } = this;
-    const x = { min: 0, max: map.bins, label: PLACES };
-    Object.defineProperty(x, "ticks", { get: () => placeTicks(map, byId("matrix-chart").clientWidth) });
-    const y = { min: drive.frames.length, max: 0, label: "frame, counted from 0", whole: true };
-    this.chart.draw({ x, y }, (area) => {
+    const frames = frameAxis(this.drive.frames.length);
+    this.chart.draw({ x: placeAxis(this.map), y: { ...frames, min: frames.max, max: 0 } }, (area) => {
       this._area = area;
       const { left, top, width, height } = area;
       for (const [name, value] of Object.entries({ left, top, width, height })) {
@@ -164,7 +161,8 @@ export class MatrixView {
     const paths = { right: "", wrong: "", accepted: "", left: "" };
     answers.forEach((answer, frame) => {
       const best = answer && this.map.frameOfAnswer(answer);
-      if (!best || best.order === null) return;
+      // The belief shows the answers by itself, and marks would cover it.
+      if (!best || best.order === null || this.kind === "belief") return;
       const kind = this.judge?.(frame) ?? "left";
       paths[kind] += mark(kind, ((this.map.bin(best.order) + 0.5) * width) / this.map.bins, ((frame + 0.5) * height) / frames.length, radius);
     });
@@ -182,7 +180,7 @@ export class MatrixView {
     const answer = this.drive.answers[row];
     return {
       frame: this.drive.frames[row], answer,
-      text: answer ? `cosine ${answer.similarity[column].toFixed(3)}, belief ${percent(answer.belief[column], 1)}` : "not answered yet",
+      text: answer ? `cosine ${signed(answer.similarity[column], 3)}, belief ${percent(answer.belief[column], 1)}` : "not answered yet",
     };
   }
 

@@ -1,7 +1,7 @@
 // Where the query lies: the belief along the route, as a strip and, where the map has poses, on the ground.
 
 import { isOffMap } from "./answer_sentence.js";
-import { Chart, PLACES, placeTicks } from "./chart.js";
+import { Chart, placeAxis } from "./chart.js";
 import { byId, percent, show, svg } from "./elements.js";
 
 const FAINT = 0.004; // probabilities below are not drawn
@@ -41,9 +41,7 @@ export class RouteView {
 
   _drawStrip(belief, bin) {
     const { map } = this;
-    const x = { min: 0, max: map.bins, label: PLACES };
-    Object.defineProperty(x, "ticks", { get: () => placeTicks(map, byId("belief-chart").clientWidth) });
-    this.strip.draw({ x, y: { min: 0, max: 1, label: "probability" } }, ({ group, x: toX, y: toY, width }) => {
+    this.strip.draw({ x: placeAxis(map), y: { min: 0, max: 1, label: "probability" } }, ({ group, x: toX, y: toY, width }) => {
       const wide = Math.max(width / map.bins - 1, 2.5);
       const bars = belief.map((share, at) => share > FAINT ? `M${toX(at + 0.5)} ${toY(0)}V${toY(share)}` : "").join("");
       group.append(svg("path", { class: "belief", d: bars, "stroke-width": wide }));

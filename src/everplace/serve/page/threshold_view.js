@@ -1,7 +1,7 @@
 // Which answers a threshold accepts, how many of them are right, and the curve that it lies on.
 
 import { VERDICTS } from "./answer_view.js";
-import { Chart, mark } from "./chart.js";
+import { Chart, frameAxis, mark } from "./chart.js";
 import { byId, count, counted, html, percent, show, svg } from "./elements.js";
 import { measured, precisionCurve, rowAt, thresholdFor } from "./precision.js";
 
@@ -40,7 +40,6 @@ export class ThresholdView {
   /** Judges all answers anew. */
   update() {
     const threshold = Number(this.slider.value);
-    this.slider.setAttribute("aria-valuetext", threshold.toFixed(2));
     byId("threshold-value").textContent = threshold.toFixed(2);
     const judged = this._judgedAnswers();
     const knowing = byId("truth").checked;
@@ -51,7 +50,9 @@ export class ThresholdView {
     };
     this._drawCurve(knowing ? precisionCurve(judged.filter(Boolean)) : this.table, knowing, threshold);
     this._drawAnswers(judged, threshold, knowing);
-    byId("threshold-text").textContent = this._reading(judged.filter(Boolean), threshold, knowing);
+    const reading = this._reading(judged.filter(Boolean), threshold, knowing);
+    byId("threshold-text").textContent = reading;
+    this.slider.setAttribute("aria-valuetext", `${threshold.toFixed(2)}. ${reading}`);
     this.onJudged(this.kindOf);
   }
 
@@ -106,7 +107,7 @@ export class ThresholdView {
     this.points.label = "Probability of each answer of the played drive, with the threshold.";
     const kinds = knowing ? ["right", "wrong", "left"] : ["accepted", "left"];
     byId("answers-caption").replaceChildren("Answers along the played drive:  ", html("span", { class: "legend" }, ...kinds.map(legendMark), "– – threshold"));
-    const scale = { x: { min: 0, max: frames, label: "frame, counted from 0", whole: true }, y: { min: 0, max: 1, label: "probability" } };
+    const scale = { x: frameAxis(frames), y: { min: 0, max: 1, label: "probability" } };
     this.points.draw(scale, ({ group, x, y, width }) => {
       const radius = Math.min(Math.max(width / frames / 2, 2), 4.5);
       const paths = {};
