@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from everplace.files import write_bytes
 from everplace.images.decoding import ImageSpec, decode_image
-from everplace.mapping.localizer import Localizer, MapAnswer
+from everplace.mapping.localizer import Localizer
+from everplace.mapping.map_answer import MapAnswer
 from everplace.mapping.route_map import Map
 from everplace.plots.canvas import new_axes, new_figure, palette_png_bytes
 from everplace.plots.match_gallery import Match, draw_matches

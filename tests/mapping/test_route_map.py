@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -234,7 +235,7 @@ def test_frames_of_any_kind_join_the_map(
 
 def bag_of(path: Path, images: list[NDArray[np.uint8]], east: float = 0.0) -> Path:
     """A bag whose receiver has a fix at every image, 5 m farther north at each, but none at the 10th to 19th."""
-    rows = [("/camera", IMAGE, 1.0 + number, ("rgb8", image)) for number, image in enumerate(images)]
+    rows: list[Any] = [("/camera", IMAGE, 1.0 + number, ("rgb8", image)) for number, image in enumerate(images)]
     rows += [
         ("/gps", FIX, 1.0 + n, (-1 if 10 <= n < 20 else 0, 48 + 5 * n / 111_194.9, 11 + east / 74_500))
         for n in range(len(images))
@@ -245,7 +246,8 @@ def bag_of(path: Path, images: list[NDArray[np.uint8]], east: float = 0.0) -> Pa
 def poses_of(opened: Map, drive: str) -> NDArray[np.float64]:
     table = opened.frames("x", "y")
     mine = np.array(table["drive"].to_pylist()) == drive
-    return np.stack([np.asarray(table["x"]), np.asarray(table["y"])], axis=1)[mine]
+    xy: NDArray[np.float64] = np.stack([np.asarray(table["x"]), np.asarray(table["y"])], axis=1)[mine]
+    return xy
 
 
 @pytest.mark.slow
@@ -686,9 +688,9 @@ def _without(address: Path, drive: str) -> Map:
 
 def test_the_newest_version_is_looked_for_anew(three_map: Path) -> None:
     reader, writer = Map.open(three_map), Map.open(three_map)
-    assert reader.newest() == reader.version == 3
+    assert reader.newest_version() == reader.version == 3
     writer.restore(1)
-    assert (reader.newest(), reader.version) == (4, 3)
+    assert (reader.newest_version(), reader.version) == (4, 3)
     shutil.rmtree(three_map)
     with pytest.raises(MapError, match="there is no map at"):
-        reader.newest()
+        reader.newest_version()

@@ -23,6 +23,8 @@ from everplace.progress import Progress, quiet
 from everplace.route.traverse import Traverse
 
 if TYPE_CHECKING:
+    from torch import nn
+
     from everplace.model.checkpoint import Checkpoint
     from everplace.model.condition_vae import ConditionVAE
 
@@ -91,6 +93,16 @@ class Describer(ABC):
         Returns:
             B×D finite numbers.
         """
+
+    def network(self) -> nn.Module | None:
+        """The method as a torch network on the processor, for export; None: it is none.
+
+        It takes B×C×H×W float32 images in [0, 1], as `image` says, and gives what `describe_batch` does.
+
+        Raises:
+            MethodError: It could be one, but not as it was put together.
+        """
+        return None
 
     def describe(
         self,

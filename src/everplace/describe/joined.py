@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
 
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Settings
@@ -13,6 +16,44 @@ from everplace.errors import MethodError
 from everplace.images.decoding import ImageSpec, convert_image
 
 __all__ = ["JoinedDescriber"]
+
+
+class _Part(nn.Module):
+    """One part's network on images in [0, 1] of the whole: first to its own channels and size, as `convert_image` does.
+
+    That rounds to whole numbers of 0 to 255 after each step. Grey is Pillow's, in 16-bit fixed point; halves of both
+    sides are OpenCV's means of 2×2.
+    """
+
+    grey: Tensor
+
+    def __init__(self, network: nn.Module, *, greys: bool, halves: bool) -> None:
+        super().__init__()
+        self.described, self._greys, self._halves = network, greys, halves
+        self.register_buffer("grey", torch.tensor([19595.0, 38470.0, 7471.0])[:, None, None])
+
+    def forward(self, images: Tensor) -> Tensor:
+        if self._greys or self._halves:
+            pixels = (images * 255).round()
+            if self._greys:
+                pixels = (((pixels * self.grey).sum(1, keepdim=True) + 32768) / 65536).floor()
+            if self._halves:
+                pixels = (functional.avg_pool2d(pixels, 2) + 0.5).floor()
+            images = pixels / 255
+        values: Tensor = self.described(images)
+        length = values.square().mean(1, keepdim=True).sqrt()
+        return values / torch.where(length > 0, length, 1.0)
+
+
+class _SideBySide(nn.Module):
+    """What all parts say of an image, one after the other."""
+
+    def __init__(self, parts: Sequence[nn.Module]) -> None:
+        super().__init__()
+        self.parts = nn.ModuleList(parts)
+
+    def forward(self, images: Tensor) -> Tensor:
+        return torch.cat([part(images) for part in self.parts], 1)
 
 
 class JoinedDescriber(Describer):
@@ -59,3 +100,25 @@ class JoinedDescriber(Describer):
             length = np.sqrt(np.square(values).mean(axis=1, keepdims=True))
             columns.append(np.divide(values, length, out=np.zeros_like(values), where=length > 0))
         return np.concatenate(columns, axis=1)
+
+    def network(self) -> nn.Module | None:
+        """The networks of the parts side by side; None where a part is none.
+
+        Raises:
+            MethodError: A part is resized by another factor than one half.
+        """
+        networks = [part.network() for part in self._parts]
+        whole = self.image.size
+        assert whole is not None
+        joined = []
+        for part, network in zip(self._parts, networks, strict=True):
+            if network is None:
+                return None
+            if part.image.size not in (whole, (whole[0] / 2, whole[1] / 2)):
+                raise MethodError(
+                    f"{self.method} cannot be a network: {part.method} resizes the image of {whole[0]}×{whole[1]} by "
+                    "another factor than one half; export its parts alone"
+                )
+            greys = part.image.grey and not self.image.grey
+            joined.append(_Part(network, greys=greys, halves=part.image.size != whole))
+        return _SideBySide(joined)

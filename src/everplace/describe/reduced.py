@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from everplace.adaptation.discriminant import Projection
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Settings
 from everplace.describe.pretrained.gaussian_projection import gaussian_matrix
 
-__all__ = ["MOST_FEATURES", "ReducedDescriber", "reduced"]
+__all__ = ["MOST_FEATURES", "ReducedDescriber", "reduced", "unreduced"]
 
 MOST_FEATURES = 4096
 """Numbers up to which covariances are kept: F×F of them take 134 MB."""
@@ -48,3 +49,15 @@ class ReducedDescriber(Describer):
 def reduced(describer: Describer) -> Describer:
     """The method itself, or where it has more than 4,096 numbers, the method and the map."""
     return ReducedDescriber(describer) if describer.dimension > MOST_FEATURES else describer
+
+
+def unreduced(describer: Describer, projection: Projection) -> tuple[Describer, Projection]:
+    """One map instead of two: the method without its reduction, and the projection of all its numbers.
+
+    Args:
+        describer: Of `reduced`.
+        projection: Of its numbers.
+    """
+    if not isinstance(describer, ReducedDescriber):
+        return describer, projection
+    return describer.base, Projection(projection.weight @ describer.matrix, projection.bias)

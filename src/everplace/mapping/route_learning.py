@@ -19,7 +19,7 @@ from everplace.adaptation.prior import Prior, load_prior, require_fitting, shipp
 from everplace.adaptation.route_adaptation import taught_projection, within_places
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Descriptors
-from everplace.describe.reduced import ReducedDescriber, reduced
+from everplace.describe.reduced import reduced, unreduced
 from everplace.describe.registry import open_describer
 from everplace.describe.runs.adapted import AdaptedDescriber, write_adapted
 from everplace.errors import ConfigError, RouteError
@@ -123,8 +123,7 @@ def adapt(
         if isinstance(method, Describer):
             raise ConfigError("`method` must be a name or a run directory where `out` is given")
         require_free_directory(Path(out))
-    whole = method if isinstance(method, Describer) else open_describer(method, progress=progress)
-    describer = reduced(whole)
+    describer = reduced(method if isinstance(method, Describer) else open_describer(method, progress=progress))
     require_standardisable(describer.method, describer.metric)
     known, origin = _chosen_prior(prior, describer)
     chosen = select(route, selection or Selection(), progress, only_shared=not self_taught)
@@ -166,8 +165,7 @@ def adapt(
         "pairs": sum(len(found.frames) for found in pairs),
     }
     seen = frozenset(stem for drive, found in zip(taught, pairs, strict=True) for stem in _stems(drive, found))
-    if isinstance(describer, ReducedDescriber):  # one map instead of two
-        projection = Projection(projection.weight @ describer.matrix, projection.bias)
+    whole, projection = unreduced(describer, projection)
     images = [drive.take(found.frames) for drive, found in zip(taught, pairs, strict=True)]
     digests = frozenset(digest for part in images for digest in image_digests(part, progress))
     result = AdaptedDescriber(whole, projection, settings, seen, digests)

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from everplace.adaptation.discriminant import Projection
 from everplace.adaptation.prior import Prior, shipped_prior
 from everplace.describe.describer import Describer
-from everplace.describe.reduced import reduced
+from everplace.describe.reduced import reduced, unreduced
 from everplace.describe.registry import open_describer
+from everplace.describe.runs.adapted import AdaptedDescriber
 from everplace.errors import ConfigError, MapError
 from everplace.files import filled_directory, readable
 from everplace.images.decoding import ImageSpec, decode_encoded
@@ -246,6 +247,11 @@ class Map:
                 )
             self._describer = describer
         return self._describer
+
+    def adapted(self) -> AdaptedDescriber:
+        """What gives the map's descriptors of images: its method with its projection."""
+        base, projection = unreduced(self.describer(), self.projection)
+        return AdaptedDescriber(base, projection, {"method": self.method, "map_version": self.version})
 
     def frames(self, *columns: str) -> Any:
         """Columns of the map's frames as an Arrow table, in the order of drives and frames."""

@@ -42,6 +42,10 @@ class OrientedGradientsDescriber(Describer):
         array: NDArray[np.float32] = values.numpy()
         return array
 
+    def network(self) -> OrientedGradients:
+        """The layer itself."""
+        return self._gradients
+
 
 def open_method(argument: str) -> Describer:
     """Opens it; it has no options."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -16,6 +18,23 @@ from everplace.images.decoding import ImageSpec
 from everplace.model.inference import default_device, inference
 
 __all__ = ["NetworkDescriber"]
+
+
+class _Normalising(nn.Module):
+    """A network with what `network_input` does to images in [0, 1] before it."""
+
+    mean: Tensor
+    std: Tensor
+
+    def __init__(self, network: nn.Module, normalisation: Normalisation) -> None:
+        super().__init__()
+        self.described = network
+        for name, values in (("mean", normalisation.mean), ("std", normalisation.std)):
+            self.register_buffer(name, torch.tensor(values, dtype=torch.float32)[:, None, None])
+
+    def forward(self, images: Tensor) -> Tensor:
+        output: Tensor = self.described((images - self.mean) / self.std)
+        return output
 
 
 class NetworkDescriber(Describer):
@@ -74,3 +93,7 @@ class NetworkDescriber(Describer):
             )
         values: NDArray[np.float32] = output.float().cpu().numpy()
         return values
+
+    def network(self) -> nn.Module:
+        """The network with its normalisation."""
+        return _Normalising(deepcopy(self._network).cpu(), self._normalisation)

@@ -13,18 +13,28 @@ from typing import Any
 from everplace.errors import MethodError
 from everplace.files import readable
 
-__all__ = ["read_provenance", "write_provenance"]
+__all__ = ["read_provenance", "write_metadata"]
 
 _KEY = "everplace.about"
 
 
-def write_provenance(network: Path, about: Mapping[str, Any]) -> None:
-    """Adds `about` (see `everplace.model.provenance`) to an ONNX file."""
+def write_metadata(network: Path, about: Mapping[str, Any], identity: Mapping[str, str]) -> None:
+    """Adds metadata to an ONNX file.
+
+    Args:
+        network: The file.
+        about: How it was trained (see `everplace.model.provenance`).
+        identity: What a program without everplace has to know, such as "image_size"; as `everplace.image_size`.
+    """
     import onnx
 
     model = onnx.load(str(network))
-    entry = model.metadata_props.add()
-    entry.key, entry.value = _KEY, json.dumps(about, ensure_ascii=False)
+    told = {_KEY: json.dumps(about, ensure_ascii=False)} | {
+        f"everplace.{name}": text for name, text in identity.items()
+    }
+    for key, value in told.items():
+        entry = model.metadata_props.add()
+        entry.key, entry.value = key, value
     onnx.save(model, str(network))
 
 
@@ -36,7 +46,7 @@ def read_provenance(network: Path, metadata: Mapping[str, str]) -> dict[str, Any
         metadata: Its own key and value pairs.
 
     Raises:
-        MethodError: The entry is not what `write_provenance` writes.
+        MethodError: The entry is not what `write_metadata` writes.
     """
     try:
         about = json.loads(metadata.get(_KEY, "{}"))

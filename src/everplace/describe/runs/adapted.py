@@ -15,6 +15,7 @@ import numpy as np
 import tomli_w
 import torch
 from numpy.typing import NDArray
+from torch import nn
 
 from everplace.adaptation.discriminant import Projection
 from everplace.describe.describer import Describer
@@ -76,6 +77,16 @@ class AdaptedDescriber(Describer):
     def project(self, features: NDArray[np.float32]) -> NDArray[np.float32]:
         """Maps what the base says of images, B×F, to B×D."""
         return features @ self._weight + self._bias
+
+    def network(self) -> nn.Module | None:
+        """The network below with the map after it."""
+        below = self.base.network()
+        if below is None:
+            return None
+        mapped = nn.Linear(self._weight.shape[0], self.dimension)
+        mapped.weight = nn.Parameter(torch.from_numpy(self._weight.T.copy()))
+        mapped.bias = nn.Parameter(torch.from_numpy(self._bias))
+        return nn.Sequential(below, mapped)
 
 
 def write_adapted(out: Path, method: str, adapted: AdaptedDescriber, settings: Settings) -> None:

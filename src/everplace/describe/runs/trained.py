@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor, nn
 
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Settings
@@ -33,6 +34,17 @@ NOTES = (
     ("RUN of vae", "a plain variational autoencoder", "everplace train", 128),
     ("RUN of cae", "a plain convolutional autoencoder", "everplace train", 128),
 )
+
+
+class _PlaceEncoder(nn.Module):
+    """Images in [0, 1], (B, C, H, W), to the place descriptor, (B, D)."""
+
+    def __init__(self, model: ConditionVAE) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(self, images: Tensor) -> Tensor:
+        return self.model.descriptor(images)
 
 
 class TrainedDescriber(Describer):
@@ -70,6 +82,10 @@ class TrainedDescriber(Describer):
             values = self._model.descriptor(to_input(torch.from_numpy(images).to(self._device)))
         array: NDArray[np.float32] = values.float().cpu().numpy()
         return array
+
+    def network(self) -> nn.Module:
+        """The encoder, as far as the descriptor needs it."""
+        return _PlaceEncoder(_on(self._model, torch.device("cpu")))
 
 
 def open_method(argument: str) -> TrainedDescriber:

@@ -1,0 +1,67 @@
+"""The script that describes and localises without torch and without everplace."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from everplace.describe.registry import open_describer
+from everplace.experiments.exported_run import export_run
+from everplace.mapping.route_learning import adapt
+from everplace.mapping.route_map import Map
+from everplace.route.route import open_route
+
+SCRIPT = Path(__file__).parents[2] / "integrations" / "onnx" / "describe.py"
+
+pytestmark = pytest.mark.slow
+
+
+def run_alone(tmp_path: Path, *arguments: str | Path) -> list[dict[str, Any]]:
+    """Runs the script where importing torch or everplace fails."""
+    for name in ("torch", "everplace"):
+        (tmp_path / "forbidden" / name).mkdir(parents=True, exist_ok=True)
+        (tmp_path / "forbidden" / name / "__init__.py").write_text("raise AssertionError('forbidden')\n")
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "forbidden")}
+    probe = subprocess.run([sys.executable, "-c", "import everplace"], env=environment, capture_output=True, text=True)
+    assert "forbidden" in probe.stderr
+    done = subprocess.run(
+        [sys.executable, str(SCRIPT), *map(str, arguments)], env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+@pytest.mark.parametrize("int8", [False, True])
+def test_it_describes_as_everplace_does(tmp_path: Path, tiny_route: Path, int8: bool) -> None:
+    adapt("hog16", open_route(tiny_route), tmp_path / "run", dimensions=8, prior="none")
+    export_run(tmp_path / "run", tmp_path / "net.onnx", int8=int8, route=open_route(tiny_route))
+    winter = open_route(tiny_route)["winter"]
+    answers = run_alone(tmp_path, tmp_path / "net.onnx", *winter.paths)
+    assert [answer["image"] for answer in answers] == list(map(str, winter.paths))
+    theirs = np.array([answer["descriptor"] for answer in answers])
+    ours = open_describer(f"onnx:{tmp_path / 'net.onnx'}").describe(winter).values
+    np.testing.assert_allclose(theirs, ours, atol=1e-3 if not int8 else 0.2)
+    if not int8:
+        np.testing.assert_allclose(theirs, open_describer(str(tmp_path / "run")).describe(winter).values, atol=1e-3)
+
+
+def test_it_finds_frames_on_a_map_of_the_version_that_was_exported(
+    three_map: Path, unchanged_rendered_route: Path, tmp_path: Path
+) -> None:
+    m = Map.open(three_map)
+    export_run(three_map, tmp_path / "map.onnx")
+    m.remove("autumn")  # a later version, with other descriptors
+    names = [f"{place:05d}" for place in (3, 20, 41)]
+    images = [unchanged_rendered_route / "winter" / f"{name}.png" for name in names]
+    answers = run_alone(tmp_path, tmp_path / "map.onnx", *images, "--map", three_map)
+    assert [(answer["drive"], answer["stem"], answer["place"]) for answer in answers] == [
+        ("winter", name, int(name)) for name in names
+    ]
+    assert min(answer["cosine"] for answer in answers) > 0.99
