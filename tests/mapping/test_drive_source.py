@@ -5,11 +5,10 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from tests.importing.sources.test_bag import FIX, IMAGE, POSE, write_bag
+from tests.importing.sources.test_bag import FIX, IMAGE, POSE, Row, write_bag
 from tests.mapping.drives import images_of, write_video
 
 from everplace.errors import EverplaceError, RouteError
@@ -105,7 +104,7 @@ METRE = 1 / 111_194.9  # degrees of latitude
 def recorded(path: Path, count: int = 6, *, fixes: Sequence[tuple[str, float, int]] = (), first: float = 48.0) -> Path:
     """A bag of images at 5, 6, ... s, with fixes (topic, seconds, status) every metre to the north."""
     images = np.random.default_rng(0).integers(0, 256, (count, 4, 6, 3), dtype=np.uint8)
-    rows: list[Any] = [("/camera", IMAGE, 5.0 + number, ("rgb8", image)) for number, image in enumerate(images)]
+    rows: list[Row] = [("/camera", IMAGE, 5.0 + number, ("rgb8", image)) for number, image in enumerate(images)]
     rows += [(topic, FIX, seconds, (status, first + (seconds - 5) * METRE, 11.0)) for topic, seconds, status in fixes]
     return write_bag(path, rows)
 
@@ -138,7 +137,7 @@ def test_frames_without_a_fix_stay_without_a_pose(tmp_path: Path) -> None:
 def test_poses_that_are_of_no_place_on_earth_are_left_out(tmp_path: Path) -> None:
     pytest.importorskip("rosbags", reason="needs the extra ros")
     images = np.random.default_rng(0).integers(0, 256, (3, 4, 6, 3), dtype=np.uint8)
-    rows: list[Any] = [("/camera", IMAGE, 5.0 + number, ("rgb8", image)) for number, image in enumerate(images)]
+    rows: list[Row] = [("/camera", IMAGE, 5.0 + number, ("rgb8", image)) for number, image in enumerate(images)]
     rows += [("/odometry", POSE, 5.0 + number, (1.0 * number, 0.0, (0.0, 0.0, 0.0, 1.0))) for number in range(3)]
     drive = open_drive(write_bag(tmp_path / "odometry.bag", rows), fixes=True)
     assert (ys(drive), drive.origin) == ([None] * 3, ())

@@ -11,13 +11,12 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.importing.sources.test_bag import FIX, IMAGE, write_bag
+from tests.importing.sources.test_bag import FIX, IMAGE, Row, write_bag
 from tests.mapping.drives import another_camera, copied, images_of, write_drive, write_video
 
 import everplace as ep
@@ -235,7 +234,7 @@ def test_frames_of_any_kind_join_the_map(
 
 def bag_of(path: Path, images: list[NDArray[np.uint8]], east: float = 0.0) -> Path:
     """A bag whose receiver has a fix at every image, 5 m farther north at each, but none at the 10th to 19th."""
-    rows: list[Any] = [("/camera", IMAGE, 1.0 + number, ("rgb8", image)) for number, image in enumerate(images)]
+    rows: list[Row] = [("/camera", IMAGE, 1.0 + number, ("rgb8", image)) for number, image in enumerate(images)]
     rows += [
         ("/gps", FIX, 1.0 + n, (-1 if 10 <= n < 20 else 0, 48 + 5 * n / 111_194.9, 11 + east / 74_500))
         for n in range(len(images))
@@ -246,8 +245,8 @@ def bag_of(path: Path, images: list[NDArray[np.uint8]], east: float = 0.0) -> Pa
 def poses_of(opened: Map, drive: str) -> NDArray[np.float64]:
     table = opened.frames("x", "y")
     mine = np.array(table["drive"].to_pylist()) == drive
-    xy: NDArray[np.float64] = np.stack([np.asarray(table["x"]), np.asarray(table["y"])], axis=1)[mine]
-    return xy
+    found: NDArray[np.float64] = np.stack([np.asarray(table["x"]), np.asarray(table["y"])], axis=1)[mine]
+    return found
 
 
 @pytest.mark.slow

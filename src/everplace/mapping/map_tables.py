@@ -3,6 +3,10 @@
 Frames and descriptors are written first; the map changes when a row of `states` names their versions, which is one
 atomic commit. A reader takes the newest state and reads the tables at exactly the versions that it names, so it never
 sees half of a change, whatever a writer does meanwhile or wherever it was killed.
+
+In a directory a lock lets one writer in at a time. At an object store none can, so writers that meet are told apart
+afterwards: of several states of one number the first one that was committed counts, for every reader, and who wrote
+another is told that it came to nothing. Frames that two writers added at once are counted before a state names them.
 """
 
 from __future__ import annotations
@@ -31,6 +35,7 @@ __all__ = ["FORMAT", "MapState", "MapTables", "Thumbnails"]
 
 FORMAT = 1
 _OWN_NAME = re.compile(r"^lance error: (LanceError\(\w+\): )?")
+_STORE_ANSWER = re.compile(r"<Message>([^<]+)</Message>")
 _OWN_SOURCE = re.compile(r", \S+\.rs:[0-9:]+$")
 _FRAMES, _DESCRIPTORS, _STATES = "frames", "descriptors", "states"
 _GRAPH = "graph"
@@ -151,8 +156,10 @@ class MapTables:
         from safetensors.numpy import load
 
         rows = self._read(self._open(_STATES), None).to_pylist()
-        states = []
-        for row in sorted(rows, key=lambda row: int(row["version"])):
+        states: list[MapState] = []
+        for row in sorted(rows, key=lambda row: int(row["version"])):  # of equal numbers the first committed is first
+            if states and states[-1].version == row["version"]:
+                continue
             try:
                 document = json.loads(row["document"])
                 found_format = document.get("format")
@@ -239,16 +246,29 @@ class MapTables:
         """
         table = self._open(_FRAMES)
         with _storing(self.address):
-            table.add(_table(rows, table.schema))
-        return int(table.version)
+            return int(table.add(_table(rows, table.schema)).version)
 
     def remove_frames(self, drive: str) -> int:
         """Deletes the frames of a drive; returns the version of the table, to be named by a state."""
         table = self._open(_FRAMES)
         quoted = drive.replace("'", "''")
         with _storing(self.address):
-            table.delete(f"drive = '{quoted}'")
-        return int(table.version)
+            return int(table.delete(f"drive = '{quoted}'").version)
+
+    def require_alone(self, frames: int, expected: int) -> None:
+        """Refuses a version of the table of frames that holds what another writer added meanwhile.
+
+        Args:
+            frames: The version.
+            expected: How many frames the drives have.
+
+        Raises:
+            MapError: It holds others, or fewer.
+        """
+        table = self._open(_FRAMES)
+        table.checkout(frames)
+        if table.count_rows() != expected:
+            raise _lost(self.address)
 
     def write_descriptors(self, values: NDArray[np.float32]) -> int:
         """Replaces all descriptors; returns the version of the table, to be named by a state."""
@@ -261,7 +281,7 @@ class MapTables:
                 self._database.create_table(_DESCRIPTORS, data=rows, mode="overwrite")
                 table = self._open(_DESCRIPTORS)
             else:
-                table.add(rows, mode="overwrite")
+                return int(table.add(rows, mode="overwrite").version)
         return int(table.version)
 
     def commit(
@@ -280,18 +300,28 @@ class MapTables:
             arrays: See `MapState`.
             frames: Version of the table of frames.
             descriptors: Version of the table of descriptors.
+
+        Raises:
+            StorageError: The disk is full or the place cannot be written to.
+            MapError: Another process made this version meanwhile.
         """
         from safetensors.numpy import save
 
         created = datetime.now(timezone.utc).isoformat(timespec="seconds")
         table = self._open(_STATES)
         data = save({name: np.ascontiguousarray(array) for name, array in arrays.items()})
-        row = {
+        row: dict[str, list[Any]] = {
             "version": [version], "created": [created], "document": [json.dumps({**document, "format": FORMAT})],
             "arrays": [data], "frames_version": [frames], "descriptors_version": [descriptors],
         }  # fmt: skip
         with _storing(self.address):
             table.add(_table(row, table.schema))
+        if self.local is None:
+            named = ["version", "document", "frames_version", "descriptors_version"]
+            made = self._read(self._open(_STATES), named).to_pylist()
+            first = next(one for one in made if one["version"] == version)
+            if any(first[name] != row[name][0] for name in named):
+                raise _lost(self.address)
         return MapState(version, created, {**document, "format": FORMAT}, arrays, frames, descriptors)
 
     def bytes(self) -> int | None:
@@ -303,7 +333,13 @@ class MapTables:
     def _names(self) -> list[str]:
         if self.local is not None and not self.local.is_dir():
             return []
-        return list(self._database.list_tables(limit=100).tables)
+        try:
+            return list(self._database.list_tables(limit=100).tables)
+        except Exception as error:  # LanceDB raises what its core gives
+            raise MapError(
+                f"cannot look for a map at {readable(self.address)} ({_reason(error)}); check the address, the "
+                "permissions, and for an object store what the environment says of it"
+            ) from error
 
     def _open(self, name: str) -> Any:
         if not self.exist:
@@ -374,8 +410,17 @@ def _table(rows: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
     return pa.Table.from_arrays(columns, schema=schema)
 
 
+def _lost(address: str) -> MapError:
+    return MapError(
+        f"another process changed the map {readable(address)} meanwhile, so this change came to nothing; give the "
+        "command again"
+    )
+
+
 def _reason(error: Exception) -> str:
     """Why LanceDB failed, without what its core says about itself."""
+    if (answer := _STORE_ANSWER.search(str(error))) is not None:
+        return answer[1]
     line = (str(error) or type(error).__name__).splitlines()[0]
     return _OWN_SOURCE.sub("", _OWN_NAME.sub("", line))[:200]
 

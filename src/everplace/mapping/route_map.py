@@ -155,12 +155,14 @@ class Map:
                 "drives": [entry], "origin": list(drive_frames.origin),
             }  # fmt: skip
             arrays = light_arrays(described.light)
+            _require_free(tables)  # at an object store somebody else may have made one meanwhile
             try:
                 tables.create(describer.dimension, dimensions)
                 frames = tables.add_frames(_rows(name, described, placement))
                 state = _learnt(tables, MapState(0, "", document, arrays, frames), document, arrays, frames, progress)
             except BaseException:
-                tables.drop()
+                if not tables.finished:
+                    tables.drop()
                 raise
         found = cls(tables, state)
         found._describer = describer
@@ -507,6 +509,7 @@ def _learnt(
     learns: bool = True,
 ) -> MapState:
     """Learns from the frames of a new version, and commits it."""
+    tables.require_alone(frames_version, sum(one["frames"] for one in document["drives"]))
     wanted = ["place", "position", "sure", "features", "looks", "between"]
     table = tables.frames(MapState(0, "", document, {}, frames_version), wanted)
     number = {one["name"]: index for index, one in enumerate(document["drives"])}
@@ -605,7 +608,7 @@ def _require_free(tables: MapTables) -> None:
 
 @contextlib.contextmanager
 def _writing(address: str | os.PathLike[str]) -> Iterator[None]:
-    """One writer at a time; at an object store's address nobody but the user sees to it."""
+    """One writer at a time; at an object store's address, where nothing can be locked, `MapTables` tells them apart."""
     path = os.fspath(address)
     if "://" in path:
         yield
