@@ -3,6 +3,8 @@
 import { svg } from "./elements.js";
 
 const RIGHT = 12, TOP = 10, BOTTOM = 42;
+/** What the axis of x takes below a chart, and the air above it. */
+export const AROUND = TOP + BOTTOM;
 const PER_TICK = { x: 70, y: 36 }; // pixels
 
 /** Round numbers between two, not more of them than `most`. */
@@ -25,7 +27,7 @@ export class Chart {
    * @param height In pixels, or a function of the width inside the axes.
    * @param left Room for the axis of y, in pixels.
    */
-  constructor(host, { label = null, height, left = 52 }) {
+  constructor(host, { label = null, height, left = 58 }) {
     this.host = host;
     this.height = height;
     this.left = left;
@@ -43,7 +45,7 @@ export class Chart {
   /**
    * Draws.
    *
-   * @param axes {x, y}, each {min, max, label} and optionally `ticks`, which gives [{at, text}], at most so many.
+   * @param axes {x, y}, or what gives them for a width inside the axes; each {min, max, label} and optionally `ticks`, which gives [{at, text}], at most so many.
    * @param paint Given {group, x, y, left, top, width, height}: where to draw, and from values to pixels.
    */
   draw(axes, paint) {
@@ -55,12 +57,12 @@ export class Chart {
   _redraw() {
     const outer = this.host.clientWidth;
     if (!this._paint || outer < 80) return;
-    const { x, y } = this._axes;
     const width = outer - this.left - RIGHT;
-    const height = (typeof this.height === "function" ? this.height(width) : this.height) - TOP - BOTTOM;
+    const { x, y } = typeof this._axes === "function" ? this._axes(width) : this._axes;
+    const height = (typeof this.height === "function" ? this.height(width) : this.height) - AROUND;
     const toX = (value) => this.left + (width * (value - x.min)) / (x.max - x.min);
     const toY = (value) => TOP + height - (height * (value - y.min)) / (y.max - y.min);
-    const total = height + TOP + BOTTOM;
+    const total = height + AROUND;
     this.root.setAttribute("width", outer);
     this.root.setAttribute("height", total);
     this.root.setAttribute("viewBox", `0 0 ${outer} ${total}`);

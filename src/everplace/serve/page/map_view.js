@@ -1,6 +1,6 @@
 // What the map holds: which places it knows under which condition, and what each drive taught it.
 
-import { Chart, placeAxis } from "./chart.js";
+import { AROUND, Chart, placeAxis } from "./chart.js";
 import { asSentence, byId, count, counted, html, listed, percent, svg } from "./elements.js";
 import { gridCursor } from "./grid_cursor.js";
 
@@ -14,7 +14,7 @@ export function showMap(map) {
   const { conditions, cells } = map.info.table;
   const chart = new Chart(byId("coverage-chart"), {
     label: `Places by condition: ${conditions.map((name, row) => `${name} ${holesOf(map, cells, row).text}`).join("; ")}.`,
-    height: ROW * conditions.length + 52, left: Math.min(Math.max(...conditions.map((name) => name.length)), LONGEST) * 7 + 14,
+    height: ROW * conditions.length + AROUND, left: Math.min(Math.max(...conditions.map((name) => name.length)), LONGEST) * 7 + 14,
   });
   const y = { min: conditions.length, max: 0, label: "", ticks: () => conditions.map((name, row) => ({ at: row + 0.5, text: shortened(name) })) };
   const marks = svg("svg", { class: "overlay", tabindex: "0", role: "application", "aria-roledescription": "table of places and conditions", "aria-describedby": "coverage-readout", "aria-label": "Places by condition" });
