@@ -19,7 +19,8 @@ export class RouteView {
       this.ground = new Chart(byId("poses-chart"), {
         label: "The route from above.", height: (across) => groundHeight(across, this.bounds) + AROUND,
       });
-      byId("poses-caption").textContent = "The route from above. The larger and stronger a disc, the more probable its place; the ring is the answer.";
+      byId("poses-caption").textContent = "The route from above. "
+        + "The larger and stronger a disc, the more probable its place; the ring is the answer.";
     }
     this.show(null);
   }
@@ -30,7 +31,8 @@ export class RouteView {
     const best = answer ? this.map.frameOfAnswer(answer) : null;
     const bin = best && best.order !== null && !isOffMap(answer) ? this.map.bin(best.order) : null;
     const text = !answer ? "Probability of each place. It fills in with the first frame."
-      : bin === null ? `The frame is most likely on no place of the map (${percent(answer.off_map)}); what is left is shared by these places.`
+      : bin === null
+        ? `The frame is most likely on no place of the map (${percent(answer.off_map)}); these places share the rest.`
         : `The mark is the answer, ${this.map.binName(bin)}; not on the map: ${percent(answer.off_map)}.`;
     byId("belief-caption").textContent = text;
     this.strip.label = `Probability of each place along the route. ${text}`;
@@ -40,7 +42,8 @@ export class RouteView {
 
   _drawStrip(belief, bin) {
     const { map } = this;
-    this.strip.draw({ x: placeAxis(map), y: { min: 0, max: 1, label: "probability" } }, ({ group, x: toX, y: toY, width }) => {
+    const axes = { x: placeAxis(map), y: { min: 0, max: 1, label: "probability" } };
+    this.strip.draw(axes, ({ group, x: toX, y: toY, width }) => {
       const wide = Math.max(width / map.bins - 1, 2.5);
       const bars = belief.map((share, at) => share > FAINT ? `M${toX(at + 0.5)} ${toY(0)}V${toY(share)}` : "").join("");
       group.append(svg("path", { class: "belief", d: bars, "stroke-width": wide }));
@@ -79,7 +82,8 @@ export class RouteView {
       belief.forEach((share, at) => {
         if (share <= FAINT || !poses[at]) return;
         group.append(svg("circle", {
-          class: "spot", cx: toX(poses[at][0]), cy: toY(poses[at][1]), r: 2 + 6 * Math.sqrt(share), "fill-opacity": 0.3 + 0.7 * share,
+          class: "spot", cx: toX(poses[at][0]), cy: toY(poses[at][1]), r: 2 + 6 * Math.sqrt(share),
+          "fill-opacity": 0.3 + 0.7 * share,
         }));
       });
       if (bin !== null && poses[bin]) {
