@@ -23,4 +23,5 @@ export function sentenceOf(answer) {
 }
 
 /** What is to be said of probabilities that come from elsewhere. */
-export const PROVISIONAL = "Provisional: the map has not seen enough places come back in another drive, so these percentages were measured on other routes.";
+export const PROVISIONAL = "Provisional: the map has not seen enough places come back in another drive, so these "
+  + "percentages were measured on other routes.";

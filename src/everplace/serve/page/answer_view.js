@@ -54,10 +54,12 @@ export class AnswerView {
     say("provisional", answer.provisional ? PROVISIONAL : "");
     const best = this.map.frameOfAnswer(answer);
     if (best) {
-      setPicture(byId("match-image"), pictureOf(best.id, this.map.info.version), `The map's frame ${best.stem} of ${best.drive}`);
+      const alt = `The map's frame ${best.stem} of ${best.drive}`;
+      setPicture(byId("match-image"), pictureOf(best.id, this.map.info.version), alt);
     }
+    const match = isOffMap(answer) ? "Most alike on the map" : "Best match";
     byId("match-caption").textContent =
-      `${isOffMap(answer) ? "Most alike on the map" : "Best match"}: place ${answer.place}, frame ${answer.database_frame} of ${answer.drive}`;
+      `${match}: place ${answer.place}, frame ${answer.database_frame} of ${answer.drive}`;
     this._showMatches(answer);
     this._showFacts(answer);
     this._translate();
@@ -84,7 +86,8 @@ export class AnswerView {
     others.forEach((match, index) => {
       // Pictures keep their elements while a drive plays, so that nothing flickers.
       const item = list.children[index] ?? list.appendChild(html("li", {}, html("img"), html("div")));
-      setPicture(item.firstChild, pictureOf(match.id, this.map.info.version), `Place ${match.place} in ${match.condition}`);
+      const alt = `Place ${match.place} in ${match.condition}`;
+      setPicture(item.firstChild, pictureOf(match.id, this.map.info.version), alt);
       item.lastChild.replaceChildren(
         html("strong", {}, percent(match.probability)), ` place ${match.place}`, html("br"),
         html("span", { class: "hint" }, `${match.drive}, cosine ${signed(match.score, 2)}`),
@@ -100,8 +103,8 @@ export class AnswerView {
     ];
     if (answer.pose) {
       const [x, y, heading] = answer.pose;
-      const turned = heading === undefined || heading === null ? "" : `, heading ${signed((heading * 180) / Math.PI, 0)}°`;
-      rows.push(["Pose of the match", `x ${signed(x, 1)} m, y ${signed(y, 1)} m${turned}`]);
+      const degrees = signed((heading * 180) / Math.PI, 0);
+      rows.push(["Pose of the match", `x ${signed(x, 1)} m, y ${signed(y, 1)} m, heading ${degrees}°`]);
     }
     const conditions = Object.entries(answer.condition).sort((one, other) => other[1] - one[1]).map(([name, share]) => {
       const bar = html("meter", { min: 0, max: 1, "aria-hidden": "true" });

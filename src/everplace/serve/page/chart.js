@@ -3,6 +3,8 @@
 import { svg } from "./elements.js";
 
 const RIGHT = 12, TOP = 10, BOTTOM = 42;
+/** What the axis of x takes below a chart, and the air above it. */
+export const AROUND = TOP + BOTTOM;
 const PER_TICK = { x: 70, y: 36 }; // pixels
 
 /** Round numbers between two, not more of them than `most`. */
@@ -25,7 +27,7 @@ export class Chart {
    * @param height In pixels, or a function of the width inside the axes.
    * @param left Room for the axis of y, in pixels.
    */
-  constructor(host, { label = null, height, left = 52 }) {
+  constructor(host, { label = null, height, left = 58 }) {
     this.host = host;
     this.height = height;
     this.left = left;
@@ -43,7 +45,8 @@ export class Chart {
   /**
    * Draws.
    *
-   * @param axes {x, y}, each {min, max, label} and optionally `ticks`, which gives [{at, text}], at most so many.
+   * @param axes {x, y}, or what gives them for a width inside the axes; each {min, max, label} and optionally `ticks`,
+   *     which gives [{at, text}], at most so many.
    * @param paint Given {group, x, y, left, top, width, height}: where to draw, and from values to pixels.
    */
   draw(axes, paint) {
@@ -55,42 +58,53 @@ export class Chart {
   _redraw() {
     const outer = this.host.clientWidth;
     if (!this._paint || outer < 80) return;
-    const { x, y } = this._axes;
     const width = outer - this.left - RIGHT;
-    const height = (typeof this.height === "function" ? this.height(width) : this.height) - TOP - BOTTOM;
+    const { x, y } = typeof this._axes === "function" ? this._axes(width) : this._axes;
+    const height = (typeof this.height === "function" ? this.height(width) : this.height) - AROUND;
     const toX = (value) => this.left + (width * (value - x.min)) / (x.max - x.min);
     const toY = (value) => TOP + height - (height * (value - y.min)) / (y.max - y.min);
-    const total = height + TOP + BOTTOM;
+    const total = height + AROUND;
     this.root.setAttribute("width", outer);
     this.root.setAttribute("height", total);
     this.root.setAttribute("viewBox", `0 0 ${outer} ${total}`);
     const group = svg("g");
-    this.root.replaceChildren(
-      svg("g", { class: "axis", "aria-hidden": "true" }, ...this._axis(x, toX, width, "x", height), ...this._axis(y, toY, height, "y", width)),
-      group,
-    );
+    const both = [...this._xAxis(x, toX, width, height), ...this._yAxis(y, toY, width, height)];
+    this.root.replaceChildren(svg("g", { class: "axis", "aria-hidden": "true" }, ...both), group);
     this._paint({ group, x: toX, y: toY, left: this.left, top: TOP, width, height });
   }
 
-  _axis(axis, to, length, kind, across) {
-    const most = Math.max(1, Math.floor(length / PER_TICK[kind]));
-    const marks = axis.ticks?.(most) ?? ticks(axis.min, axis.max, most).map((at) => ({ at, text: plain(at) }));
-    const bottom = kind === "x" ? TOP + across : 0;
-    const drawn = marks.flatMap(({ at, text }) => kind === "x"
-      ? [svg("path", { d: `M${to(at)} ${bottom}v4` }), svg("text", { x: to(at), y: bottom + 16, "text-anchor": "middle" }, text)]
-      : [svg("path", { d: `M${this.left} ${to(at)}h-4` }), svg("path", { class: "grid", d: `M${this.left} ${to(at)}h${across}` }),
-        svg("text", { x: this.left - 7, y: to(at) + 4, "text-anchor": "end" }, text)]);
-    const title = kind === "x"
-      ? svg("text", { class: "title", x: this.left + length / 2, y: bottom + 35, "text-anchor": "middle" }, axis.label)
-      : svg("text", { class: "title", x: 0, y: 0, "text-anchor": "middle", transform: `translate(12 ${TOP + length / 2}) rotate(-90)` }, axis.label);
-    const line = kind === "x" ? `M${this.left} ${bottom}h${length}` : `M${this.left} ${TOP}v${length}`;
-    return [...drawn, svg("path", { d: line }), title];
+  _xAxis(axis, to, width, height) {
+    const base = TOP + height;
+    const drawn = marksOf(axis, width, "x").flatMap(({ at, text }) => [
+      svg("path", { d: `M${to(at)} ${base}v4` }),
+      svg("text", { x: to(at), y: base + 16, "text-anchor": "middle" }, text),
+    ]);
+    const title = { class: "title", x: this.left + width / 2, y: base + 35, "text-anchor": "middle" };
+    return [...drawn, svg("path", { d: `M${this.left} ${base}h${width}` }), svg("text", title, axis.label)];
   }
+
+  _yAxis(axis, to, width, height) {
+    const drawn = marksOf(axis, height, "y").flatMap(({ at, text }) => [
+      svg("path", { d: `M${this.left} ${to(at)}h-4` }),
+      svg("path", { class: "grid", d: `M${this.left} ${to(at)}h${width}` }),
+      svg("text", { x: this.left - 7, y: to(at) + 4, "text-anchor": "end" }, text),
+    ]);
+    const turned = `translate(12 ${TOP + height / 2}) rotate(-90)`;
+    const title = svg("text", { class: "title", "text-anchor": "middle", transform: turned }, axis.label);
+    return [...drawn, svg("path", { d: `M${this.left} ${TOP}v${height}` }), title];
+  }
+}
+
+/** What is written along an axis of so many pixels. */
+function marksOf(axis, length, kind) {
+  const most = Math.max(1, Math.floor(length / PER_TICK[kind]));
+  return axis.ticks?.(most) ?? ticks(axis.min, axis.max, most).map((at) => ({ at, text: plain(at) }));
 }
 
 /** The axis of a map's columns, with the numbers of their places. */
 export function placeAxis(map) {
-  const marks = (most) => ticks(0, Math.max(map.bins - 1, 1), most).filter((bin) => Number.isInteger(bin) && bin < map.bins)
+  const marks = (most) => ticks(0, Math.max(map.bins - 1, 1), most)
+    .filter((bin) => Number.isInteger(bin) && bin < map.bins)
     .map((bin) => ({ at: bin + 0.5, text: String(map.placeNumber(bin * map.perBin)) }));
   return { min: 0, max: map.bins, label: "place, in the order of travel", ticks: marks };
 }

@@ -23,7 +23,8 @@ export function gridCursor(element, size, onMove, onChoose = () => {}) {
   const under = (event) => {
     const box = element.getBoundingClientRect();
     const [rows, columns] = size();
-    moveTo(Math.floor((rows * (event.clientY - box.top)) / box.height), Math.floor((columns * (event.clientX - box.left)) / box.width));
+    const [down, across] = [(event.clientY - box.top) / box.height, (event.clientX - box.left) / box.width];
+    moveTo(Math.floor(rows * down), Math.floor(columns * across));
   };
   element.addEventListener("pointermove", under);
   element.addEventListener("click", (event) => { under(event); onChoose(...at); });

@@ -11,15 +11,19 @@ import { RouteView } from "./route_view.js";
 import { readMap } from "./service.js";
 import { ThresholdView } from "./threshold_view.js";
 
+const NO_IMAGE = "There is no image among these files; choose PNG or JPEG files. Videos and bags are answered by "
+  + "everplace localize.";
+
 let map, views, drive = null;
 
 async function openMap() {
   const info = await readMap();
   map = new MapIndex(info);
-  const conditions = Object.keys(info.conditions);
+  const drives = `${counted(info.drives.length, "drive")} (${listed(Object.keys(info.conditions))})`;
   byId("map-summary").textContent =
-    `${counted(info.places, "place")}, ${counted(info.drives.length, "drive")} (${listed(conditions)}), ${info.method}, version ${info.version}`;
-  views = { answer: new AnswerView(map), route: new RouteView(map), matrix: new MatrixView(map, (frame) => drive.show(frame)) };
+    `${counted(info.places, "place")}, ${drives}, ${info.method}, version ${info.version}`;
+  const matrix = new MatrixView(map, (frame) => drive.show(frame));
+  views = { answer: new AnswerView(map), route: new RouteView(map), matrix };
   views.threshold = new ThresholdView(map, (judge) => {
     views.matrix.judged(judge);
     views.answer.judge(drive && drive.frames.length > 1 && drive.answers[drive.at] ? judge(drive.at) : null);
@@ -90,13 +94,15 @@ async function take(found) {
   if (!map) return;
   const { drives, others } = drivesOf(found);
   const choice = byId("folder-select");
-  choice.replaceChildren(...drives.map(({ name, frames }, index) => new Option(`${name || "frames"} (${frames.length})`, index)));
+  const options = drives.map(({ name, frames }, index) => new Option(`${name || "frames"} (${frames.length})`, index));
+  choice.replaceChildren(...options);
   show("folder-choice", drives.length > 1);
   choice.onchange = () => begin(drives[Number(choice.value)]);
-  const several = drives.length > 1 ? `${drives.length} folders hold frames; the first one is played, the others can be chosen.` : "";
+  const several = drives.length > 1
+    ? `${drives.length} folders hold frames; the first one is played, the others can be chosen.` : "";
   say("files-note", [passedOver(others), several].filter(Boolean).join(" "));
   if (drives.length) begin(drives[0]);
-  else say("query-problem", "There is no image among these files; choose PNG or JPEG files. Videos and bags are answered by everplace localize.");
+  else say("query-problem", NO_IMAGE);
 }
 
 function listenToFiles() {

@@ -15,7 +15,8 @@ export class MapIndex {
     for (const [drive, ids] of Object.entries(info.frames)) {
       ids.forEach((id, number) => {
         const frame = {
-          id, drive, condition: conditions.get(drive), stem: info.stems[drive][number], order: info.order[drive][number],
+          id, drive, condition: conditions.get(drive),
+          stem: info.stems[drive][number], order: info.order[drive][number],
         };
         this._frames.set(id, frame);
         this._ids.set(`${drive}/${frame.stem}`, id);

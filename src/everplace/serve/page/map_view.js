@@ -1,6 +1,6 @@
 // What the map holds: which places it knows under which condition, and what each drive taught it.
 
-import { Chart, placeAxis } from "./chart.js";
+import { AROUND, Chart, placeAxis } from "./chart.js";
 import { asSentence, byId, count, counted, html, listed, percent, svg } from "./elements.js";
 import { gridCursor } from "./grid_cursor.js";
 
@@ -12,43 +12,61 @@ const LONGEST = 14; // letters of a condition beside the picture
 /** The last section of the page. */
 export function showMap(map) {
   const { conditions, cells } = map.info.table;
-  const chart = new Chart(byId("coverage-chart"), {
-    label: `Places by condition: ${conditions.map((name, row) => `${name} ${holesOf(map, cells, row).text}`).join("; ")}.`,
-    height: ROW * conditions.length + 52, left: Math.min(Math.max(...conditions.map((name) => name.length)), LONGEST) * 7 + 14,
-  });
-  const y = { min: conditions.length, max: 0, label: "", ticks: () => conditions.map((name, row) => ({ at: row + 0.5, text: shortened(name) })) };
-  const marks = svg("svg", { class: "overlay", tabindex: "0", role: "application", "aria-roledescription": "table of places and conditions", "aria-describedby": "coverage-readout", "aria-label": "Places by condition" });
-  chart.draw({ x: placeAxis(map), y }, (area) => {
-    const { group, x: toX, y: toY, left, top, width, height } = area;
-    group.append(svg("defs", {}, svg("pattern", { id: "hole", width: 6, height: 6, patternUnits: "userSpaceOnUse" },
-      svg("path", { class: "hatch", d: "M-1 7 7 -1M-1 1 1 -1M5 7 7 5" }))));
-    conditions.forEach((name, row) => {
-      for (const { from, to, level } of runs(cells, row, map.perBin)) {
-        group.append(svg("rect", {
-          class: `level level-${level}`, x: toX(from), width: Math.max(toX(to) - toX(from), 0.75), y: toY(row) + 2, height: ROW - 4,
-        }));
-      }
-    });
-    for (const [property, value] of Object.entries({ left, top, width, height })) marks.style[property] = `${value}px`;
-    marks.setAttribute("viewBox", `0 0 ${width} ${height}`);
-  });
-  byId("coverage-chart").append(marks);
-  gridCursor(marks, () => [conditions.length, map.bins], (row, bin) => {
-    const frames = cells[bin][row];
-    byId("coverage-readout").textContent = asSentence(`${map.binName(bin)} in ${conditions[row]}: ${frames ? counted(frames, "frame") : "no frame, a hole"}`);
-    const box = marks.viewBox.baseVal;
-    marks.replaceChildren(svg("rect", {
-      class: "cell", x: (bin * box.width) / map.bins, y: row * ROW + 1, width: Math.max(box.width / map.bins, 3), height: ROW - 2,
-    }));
-  });
-  byId("coverage-readout").textContent = "Move over the picture, or focus it and use the arrow keys, to read a place.";
-  byId("coverage-legend").replaceChildren(...[[0, "no frame (a hole)"], [1, "1 frame a place"], [2, "2"], [3, "3 or more"]].map(([level, text]) =>
-    html("span", { class: "key" }, svg("svg", { width: 18, height: 12, viewBox: "0 0 18 12", "aria-hidden": "true" },
-      svg("rect", { class: `level level-${level}`, x: 0.5, y: 0.5, width: 17, height: 11 })), ` ${text}`)));
+  drawCoverage(map, conditions, cells);
+  showLegend();
   showCoverage(map, conditions, cells);
   showLearned(map);
 }
 
+function drawCoverage(map, conditions, cells) {
+  const spoken = conditions.map((name, row) => `${name} lacks ${holesOf(map, cells, row) || "none"}`).join("; ");
+  const chart = new Chart(byId("coverage-chart"), {
+    label: `Places by condition: ${spoken}.`,
+    height: ROW * conditions.length + AROUND,
+    left: Math.min(Math.max(...conditions.map((name) => name.length)), LONGEST) * 7 + 14,
+  });
+  const names = () => conditions.map((name, row) => ({ at: row + 0.5, text: shortened(name) }));
+  const cursor = svg("svg", {
+    class: "overlay", role: "application", "aria-roledescription": "table of places and conditions",
+    "aria-label": "Places by condition", "aria-describedby": "coverage-readout",
+  });
+  const axes = { x: placeAxis(map), y: { min: conditions.length, max: 0, label: "", ticks: names } };
+  chart.draw(axes, ({ group, x, y, left, top, width, height }) => {
+    const hatch = svg("path", { class: "hatch", d: "M-1 7 7 -1M-1 1 1 -1M5 7 7 5" });
+    const hole = svg("pattern", { id: "hole", width: 6, height: 6, patternUnits: "userSpaceOnUse" }, hatch);
+    group.append(svg("defs", {}, hole));
+    conditions.forEach((_, row) => {
+      for (const { from, to, level } of runs(cells, row, map.perBin)) {
+        const wide = Math.max(x(to) - x(from), 0.75);
+        group.append(svg("rect", {
+          class: `level level-${level}`, x: x(from), y: y(row) + 2, width: wide, height: ROW - 4,
+        }));
+      }
+    });
+    for (const [name, value] of Object.entries({ left, top, width, height })) cursor.style[name] = `${value}px`;
+    cursor.setAttribute("viewBox", `0 0 ${width} ${height}`);
+  });
+  byId("coverage-chart").append(cursor);
+  byId("coverage-readout").textContent = "Move over the picture, or focus it and use the arrow keys, to read a place.";
+  gridCursor(cursor, () => [conditions.length, map.bins], (row, bin) => {
+    const frames = cells[bin][row];
+    const found = frames ? counted(frames, "frame") : "no frame, a hole";
+    byId("coverage-readout").textContent = asSentence(`${map.binName(bin)} in ${conditions[row]}: ${found}`);
+    const across = cursor.viewBox.baseVal.width / map.bins;
+    cursor.replaceChildren(svg("rect", {
+      class: "cell", x: bin * across, y: row * ROW + 1, width: Math.max(across, 3), height: ROW - 2,
+    }));
+  });
+}
+
+function showLegend() {
+  const levels = ["no frame (a hole)", "1 frame a place", "2", "3 or more"];
+  byId("coverage-legend").replaceChildren(...levels.map((text, level) => {
+    const sample = svg("rect", { class: `level level-${level}`, x: 0.5, y: 0.5, width: 17, height: 11 });
+    const box = svg("svg", { width: 18, height: 12, viewBox: "0 0 18 12", "aria-hidden": "true" }, sample);
+    return html("span", { class: "key" }, box, ` ${text}`);
+  }));
+}
 
 const shortened = (name) => (name.length > LONGEST ? `${name.slice(0, LONGEST - 1)}…` : name);
 
@@ -65,14 +83,14 @@ function runs(cells, row, perBin) {
   return found;
 }
 
+/** The places that a condition has no frame of: "0 to 19 and 71"; empty where there is none. */
 function holesOf(map, cells, row) {
   const holes = runs(cells, row, map.perBin).filter((run) => run.level === 0).map(({ from, to }) => {
     const first = map.placeNumber(from * map.perBin);
     const last = map.placeNumber(Math.min(to * map.perBin, map.info.places) - 1);
     return first === last ? String(first) : `${first} to ${last}`;
   });
-  const more = holes.length > HOLES ? [`${holes.length - HOLES} more`] : [];
-  return { holes, text: holes.length ? `has no frame of the places ${listed([...holes.slice(0, HOLES), ...more])}` : "has no hole" };
+  return listed(holes.length > HOLES ? [...holes.slice(0, HOLES), `${holes.length - HOLES} more`] : holes);
 }
 
 function fill(id, heads, rows) {
@@ -85,32 +103,38 @@ function fill(id, heads, rows) {
 
 function showCoverage(map, conditions, cells) {
   const { drives, conditions: seen, places } = map.info;
-  fill("coverage-table", [["Condition", ""], ["Drives", "number"], ["Places seen", "number"], ["Holes (places without a frame)", "text"]],
-    conditions.map((name, row) => {
-      const { holes } = holesOf(map, cells, row);
-      const more = holes.length > HOLES ? [`${holes.length - HOLES} more`] : [];
-      return [
-        name, count(drives.filter((drive) => drive.condition === name).length), `${count(seen[name])} of ${count(places)}`,
-        holes.length ? listed([...holes.slice(0, HOLES), ...more]) : "none",
-      ];
-    }));
+  const heads = [
+    ["Condition", ""], ["Drives", "number"], ["Places seen", "number"], ["Holes (places without a frame)", "text"],
+  ];
+  fill("coverage-table", heads, conditions.map((name, row) => {
+    const driven = drives.filter((drive) => drive.condition === name).length;
+    return [name, count(driven), `${count(seen[name])} of ${count(places)}`, holesOf(map, cells, row) || "none"];
+  }));
 }
 
 const HOW = { first: "it made the map", names: "frame names", poses: "poses", images: "its images" };
 
 function showLearned(map) {
   const { learned, calibration, decodes, method } = map.info;
-  fill("learned-table",
-    [["Drive", ""], ["Condition", "text"], ["Frames", "number"], ["Placed", "number"], ["Surely", "number"], ["New places", "number"], ["Placed by", "text"], ["Names agree", "number"], ["Teaches", "text"]],
-    learned.drives.map((one) => [
-      one.name, one.condition, count(one.frames), count(one.placed), one.how === "first" ? "–" : count(one.sure), count(one.new_places),
-      HOW[one.how] ?? one.how, one.agreement === null ? "–" : percent(one.agreement), one.learns ? "yes" : "no",
-    ]));
+  const heads = [
+    ["Drive", ""], ["Condition", "text"], ["Frames", "number"], ["Placed", "number"], ["Surely", "number"],
+    ["New places", "number"], ["Placed by", "text"], ["Names agree", "number"], ["Teaches", "text"],
+  ];
+  fill("learned-table", heads, learned.drives.map((one) => [
+    one.name, one.condition, count(one.frames), count(one.placed), one.how === "first" ? "–" : count(one.sure),
+    count(one.new_places), HOW[one.how] ?? one.how, one.agreement === null ? "–" : percent(one.agreement),
+    one.learns ? "yes" : "no",
+  ]));
   const pairs = learned.pairs
-    ? `${counted(learned.pairs, "pair")} of frames that show the same place taught the descriptor what a change of light and season does here.`
-    : "No two drives share places yet, so the descriptor knows only what other routes and other light taught it; add a drive with everplace map add.";
-  const sure = calibration.provisional ? "Its probabilities were measured on other routes."
-    : `Its probabilities were measured on ${count(calibration.queries)} of its own frames${calibration.expected_error === null ? "" : `, and are off by ${percent(calibration.expected_error, 1)} on average`}.`;
+    ? `${counted(learned.pairs, "pair")} of frames that show the same place taught the descriptor what a change of `
+      + "light and season does here."
+    : "No two drives share places yet, so the descriptor knows only what other routes and other light taught it; add a "
+      + "drive with everplace map add.";
+  const off = calibration.expected_error === null
+    ? "" : `, and are off by ${percent(calibration.expected_error, 1)} on average`;
+  const sure = calibration.provisional
+    ? "Its probabilities were measured on other routes."
+    : `Its probabilities were measured on ${count(calibration.queries)} of its own frames${off}.`;
   const shown = decodes ? "" : ` Its method, ${method}, cannot show a frame in another condition.`;
   byId("learned-text").textContent = `${pairs} ${sure}${shown}`;
 }

@@ -8,13 +8,17 @@ import { pictureOf } from "./service.js";
 
 const MOST_ROWS = 1024; // of pixels; a longer drive shows the largest value of the frames in a row
 const STEP = 0.1; // the ends of the scale of cosines are multiples
-const VIRIDIS = ["440154", "482475", "414487", "355f8d", "2a788e", "21918c", "22a884", "44bf70", "7ad151", "bddf26", "fde725"];
+const VIRIDIS = [
+  "440154", "482475", "414487", "355f8d", "2a788e", "21918c", "22a884", "44bf70", "7ad151", "bddf26", "fde725",
+];
+
+const channels = (hex) => [0, 2, 4].map((from) => parseInt(hex.slice(from, from + 2), 16));
 
 /** 256 colours as red, green, blue, from dark to light (matplotlib's viridis). */
 const COLOURS = Array.from({ length: 256 }, (_, level) => {
   const at = (level / 255) * (VIRIDIS.length - 1);
   const below = Math.min(Math.floor(at), VIRIDIS.length - 2);
-  const [one, other] = [VIRIDIS[below], VIRIDIS[below + 1]].map((text) => [0, 2, 4].map((from) => parseInt(text.slice(from, from + 2), 16)));
+  const [one, other] = [VIRIDIS[below], VIRIDIS[below + 1]].map(channels);
   return one.map((part, index) => Math.round(part + (at - below) * (other[index] - part)));
 });
 
@@ -24,12 +28,15 @@ export class MatrixView {
   constructor(map, goTo) {
     this.map = map;
     this.goTo = goTo;
-    this.canvas = html("canvas", { role: "application", "aria-roledescription": "similarity matrix", "aria-describedby": "matrix-readout" });
+    this.canvas = html("canvas", {
+      role: "application", "aria-roledescription": "similarity matrix", "aria-describedby": "matrix-readout",
+    });
     this.chart = new Chart(byId("matrix-chart"), { height: (width) => Math.min(Math.max(width * 0.7, 220), 520) });
     byId("matrix-chart").append(this.canvas);
     this.marks = svg("svg", { class: "overlay", "aria-hidden": "true" });
     byId("matrix-chart").append(this.marks);
-    gridCursor(this.canvas, () => [this.drive.frames.length, map.bins], (...at) => this._read(...at), (...at) => this._choose(...at));
+    const size = () => [this.drive.frames.length, map.bins];
+    gridCursor(this.canvas, size, (...at) => this._read(...at), (...at) => this._choose(...at));
     for (const choice of document.getElementsByName("matrix-kind")) {
       choice.onchange = () => { if (this.drive) this._repaint(); };
     }
@@ -135,8 +142,8 @@ export class MatrixView {
     const stops = COLOURS.filter((_, index) => index % 15 === 0).map((colour, index) =>
       svg("rect", { x: index * 6, y: 0, width: 6.5, height: 12, fill: `rgb(${colour})` }));
     const name = this.kind === "belief" ? "probability" : "cosine";
-    byId("matrix-legend").replaceChildren(`${name} ${signed(low, 1)} `,
-      svg("svg", { width: 108, height: 12, viewBox: "0 0 108 12", "aria-hidden": "true" }, ...stops), ` ${signed(high, 1)}`);
+    const scale = svg("svg", { width: 108, height: 12, viewBox: "0 0 108 12", "aria-hidden": "true" }, ...stops);
+    byId("matrix-legend").replaceChildren(`${name} ${signed(low, 1)} `, scale, ` ${signed(high, 1)}`);
   }
 
   _layOut() {
@@ -158,30 +165,30 @@ export class MatrixView {
     const { width, height } = this._area;
     const { answers, at, frames } = this.drive;
     const radius = Math.min(Math.max(height / frames.length / 2, 2), 5);
+    const toX = (column) => ((column + 0.5) * width) / this.map.bins;
+    const toY = (row) => ((row + 0.5) * height) / frames.length;
     const paths = { right: "", wrong: "", accepted: "", left: "" };
     answers.forEach((answer, frame) => {
       const best = answer && this.map.frameOfAnswer(answer);
       // The belief shows the answers by itself, and marks would cover it.
       if (!best || best.order === null || this.kind === "belief") return;
       const kind = this.judge?.(frame) ?? "left";
-      paths[kind] += mark(kind, ((this.map.bin(best.order) + 0.5) * width) / this.map.bins, ((frame + 0.5) * height) / frames.length, radius);
+      paths[kind] += mark(kind, toX(this.map.bin(best.order)), toY(frame), radius);
     });
     const drawn = Object.entries(paths).map(([kind, d]) => svg("path", { class: `mark ${kind} on-picture`, d }));
-    if (at >= 0) drawn.push(svg("path", { class: "shown", d: `M0 ${((at + 0.5) * height) / frames.length}h${width}` }));
+    if (at >= 0) drawn.push(svg("path", { class: "shown", d: `M0 ${toY(at)}h${width}` }));
     if (this.cursor) {
-      const [row, column] = this.cursor;
-      const [x, y] = [((column + 0.5) * width) / this.map.bins, ((row + 0.5) * height) / frames.length];
-      drawn.push(svg("path", { class: "cross under", d: `M${x} 0v${height}M0 ${y}h${width}` }), svg("path", { class: "cross", d: `M${x} 0v${height}M0 ${y}h${width}` }));
+      const d = `M${toX(this.cursor[1])} 0v${height}M0 ${toY(this.cursor[0])}h${width}`;
+      drawn.push(svg("path", { class: "cross under", d }), svg("path", { class: "cross", d }));
     }
     this.marks.replaceChildren(...drawn);
   }
 
   _cell(row, column) {
     const answer = this.drive.answers[row];
-    return {
-      frame: this.drive.frames[row], answer,
-      text: answer ? `cosine ${signed(answer.similarity[column], 3)}, belief ${percent(answer.belief[column], 1)}` : "not answered yet",
-    };
+    const text = answer
+      ? `cosine ${signed(answer.similarity[column], 3)}, belief ${percent(answer.belief[column], 1)}` : "no answer";
+    return { frame: this.drive.frames[row], answer, text };
   }
 
   _read(row, column) {
@@ -202,7 +209,9 @@ export class MatrixView {
     this._pairUrl = URL.createObjectURL(frame.file);
     setPicture(byId("pair-query"), this._pairUrl, `Frame ${frame.name} of the played drive`);
     byId("pair-query-caption").textContent = `Query: ${frame.name}`;
-    setPicture(byId("pair-place"), pictureOf(place.id, this.map.info.version), `Frame ${place.stem} of the map's drive ${place.drive}`);
-    byId("pair-place-caption").textContent = `Place ${this.map.placeNumber(place.order)}: frame ${place.stem} of ${place.drive}`;
+    const alt = `Frame ${place.stem} of the map's drive ${place.drive}`;
+    setPicture(byId("pair-place"), pictureOf(place.id, this.map.info.version), alt);
+    byId("pair-place-caption").textContent =
+      `Place ${this.map.placeNumber(place.order)}: frame ${place.stem} of ${place.drive}`;
   }
 }

@@ -3,7 +3,7 @@
 /**
  * What a threshold accepts.
  *
- * @param judged [{probability, right, sought}]: for each answer whether it is right, and whether the map shows it at all.
+ * @param judged [{probability, right, sought}]: for each answer whether it is right, and whether the map shows it.
  * @returns {accepted, right, wrong, precision, recall}; precision null where nothing is accepted, recall null where the
  *     map shows none of the frames.
  */

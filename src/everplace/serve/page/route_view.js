@@ -1,7 +1,7 @@
 // Where the query lies: the belief along the route, as a strip and, where the map has poses, on the ground.
 
 import { isOffMap } from "./answer_sentence.js";
-import { Chart, placeAxis } from "./chart.js";
+import { AROUND, Chart, placeAxis } from "./chart.js";
 import { byId, percent, show, svg } from "./elements.js";
 
 const FAINT = 0.004; // probabilities below are not drawn
@@ -16,11 +16,11 @@ export class RouteView {
     byId("poses-figure").parentElement.classList.toggle("single", poses.length < 2);
     if (poses.length > 1) {
       this.bounds = boundsOf(poses);
-      const { width, height } = this.bounds;
       this.ground = new Chart(byId("poses-chart"), {
-        label: "The route from above.", height: (across) => Math.min(Math.max((across * height) / width, 80), 320) + 52,
+        label: "The route from above.", height: (across) => groundHeight(across, this.bounds) + AROUND,
       });
-      byId("poses-caption").textContent = "The route from above. The larger and stronger a disc, the more probable its place; the ring is the answer.";
+      byId("poses-caption").textContent = "The route from above. "
+        + "The larger and stronger a disc, the more probable its place; the ring is the answer.";
     }
     this.show(null);
   }
@@ -31,7 +31,8 @@ export class RouteView {
     const best = answer ? this.map.frameOfAnswer(answer) : null;
     const bin = best && best.order !== null && !isOffMap(answer) ? this.map.bin(best.order) : null;
     const text = !answer ? "Probability of each place. It fills in with the first frame."
-      : bin === null ? `The frame is most likely on no place of the map (${percent(answer.off_map)}); what is left is shared by these places.`
+      : bin === null
+        ? `The frame is most likely on no place of the map (${percent(answer.off_map)}); these places share the rest.`
         : `The mark is the answer, ${this.map.binName(bin)}; not on the map: ${percent(answer.off_map)}.`;
     byId("belief-caption").textContent = text;
     this.strip.label = `Probability of each place along the route. ${text}`;
@@ -41,7 +42,8 @@ export class RouteView {
 
   _drawStrip(belief, bin) {
     const { map } = this;
-    this.strip.draw({ x: placeAxis(map), y: { min: 0, max: 1, label: "probability" } }, ({ group, x: toX, y: toY, width }) => {
+    const axes = { x: placeAxis(map), y: { min: 0, max: 1, label: "probability" } };
+    this.strip.draw(axes, ({ group, x: toX, y: toY, width }) => {
       const wide = Math.max(width / map.bins - 1, 2.5);
       const bars = belief.map((share, at) => share > FAINT ? `M${toX(at + 0.5)} ${toY(0)}V${toY(share)}` : "").join("");
       group.append(svg("path", { class: "belief", d: bars, "stroke-width": wide }));
@@ -54,15 +56,15 @@ export class RouteView {
   }
 
   _drawGround(belief, bin) {
-    const { left, right, bottom, top } = this.bounds;
-    const middle = [(left + right) / 2, (bottom + top) / 2];
     // The same scale both ways: whichever axis has room to spare shows more ground.
-    const inner = byId("poses-chart").clientWidth - 64;
-    const high = Math.min(Math.max((inner * (top - bottom)) / (right - left), 80), 320);
-    const scale = Math.max((right - left) / Math.max(inner, 1), (top - bottom) / high);
-    const axes = {
-      x: { min: middle[0] - (scale * inner) / 2, max: middle[0] + (scale * inner) / 2, label: "x (m)" },
-      y: { min: middle[1] - (scale * high) / 2, max: middle[1] + (scale * high) / 2, label: "y (m)" },
+    const axes = (across) => {
+      const { x, y, width, height } = this.bounds;
+      const high = groundHeight(across, this.bounds);
+      const half = Math.max(width / across, height / high) / 2;
+      return {
+        x: { min: x - half * across, max: x + half * across, label: "x (m)" },
+        y: { min: y - half * high, max: y + half * high, label: "y (m)" },
+      };
     };
     this.ground.draw(axes, ({ group, x: toX, y: toY }) => {
       const { poses } = this.map.info;
@@ -80,7 +82,8 @@ export class RouteView {
       belief.forEach((share, at) => {
         if (share <= FAINT || !poses[at]) return;
         group.append(svg("circle", {
-          class: "spot", cx: toX(poses[at][0]), cy: toY(poses[at][1]), r: 2 + 6 * Math.sqrt(share), "fill-opacity": 0.3 + 0.7 * share,
+          class: "spot", cx: toX(poses[at][0]), cy: toY(poses[at][1]), r: 2 + 6 * Math.sqrt(share),
+          "fill-opacity": 0.3 + 0.7 * share,
         }));
       });
       if (bin !== null && poses[bin]) {
@@ -90,10 +93,17 @@ export class RouteView {
   }
 }
 
+/** How high the ground is drawn, in pixels. */
+const groundHeight = (across, { width, height }) => Math.min(Math.max((across * height) / width, 80), 320);
+
+/** Middle, width and height of the ground that the route takes, with a margin. */
 function boundsOf(poses) {
-  const [xs, ys] = [0, 1].map((axis) => poses.map((pose) => pose[axis]));
-  const [left, right, bottom, top] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
-  const margin = 0.04 * Math.max(right - left, top - bottom, 1);
-  const bounds = { left: left - margin, right: right + margin, bottom: bottom - margin, top: top + margin };
-  return { ...bounds, width: bounds.right - bounds.left, height: bounds.top - bounds.bottom };
+  const [x, y] = [0, 1].map((axis) => {
+    const values = poses.map((pose) => pose[axis]);
+    return { low: Math.min(...values), high: Math.max(...values) };
+  });
+  const margin = 0.08 * Math.max(x.high - x.low, y.high - y.low, 1);
+  return {
+    x: (x.low + x.high) / 2, y: (y.low + y.high) / 2, width: x.high - x.low + margin, height: y.high - y.low + margin,
+  };
 }

@@ -68,33 +68,41 @@ export class ThresholdView {
   }
 
   _reading(judged, threshold, knowing) {
+    const chosen = `At ${threshold.toFixed(2)}`;
     const at = measured(judged, threshold);
-    const share = `${count(at.accepted)} of ${counted(judged.length, "answer")} of the played drive ${at.accepted === 1 ? "is" : "are"} accepted`;
+    const are = at.accepted === 1 ? "is" : "are";
+    const share = `${count(at.accepted)} of ${counted(judged.length, "answer")} of the played drive ${are} accepted`;
     if (knowing && judged.length) {
-      if (!at.accepted) return `At ${threshold.toFixed(2)}, no answer of the played drive is accepted.`;
+      if (!at.accepted) return `${chosen}, no answer of the played drive is accepted.`;
       const recall = at.recall === null ? "" : `, recall ${percent(at.recall, 1)}`;
-      return `At ${threshold.toFixed(2)}, ${share}, ${count(at.right)} right and ${count(at.wrong)} wrong: precision ${percent(at.precision, 1)}${recall}.`;
+      return `${chosen}, ${share}, ${count(at.right)} right and ${count(at.wrong)} wrong: `
+        + `precision ${percent(at.precision, 1)}${recall}.`;
     }
     const row = rowAt(this.table, threshold);
-    const own = row ? `On the map's own held-out answers this threshold gives precision ${percent(row.precision, 1)} and recall ${percent(row.recall, 1)}.`
+    const own = row
+      ? `On the map's own held-out answers this threshold gives precision ${percent(row.precision, 1)} `
+        + `and recall ${percent(row.recall, 1)}.`
       : this.table.length ? "None of the map's own held-out answers was so sure." : "";
-    return [judged.length ? `At ${threshold.toFixed(2)}, ${share}.` : "", own].filter(Boolean).join(" ");
+    return [judged.length ? `${chosen}, ${share}.` : "", own].filter(Boolean).join(" ");
   }
 
-  _drawCurve(points, knowing, threshold) {
-    const empty = !points.length;
+  _drawCurve(table, knowing, threshold) {
+    const empty = !table.length;
     show("curve-empty", empty);
     show("curve-figure", !empty);
     if (empty) return;
-    byId("curve-caption").textContent = knowing ? "Precision over recall of the answers played so far. The ring is the threshold."
+    byId("curve-caption").textContent = knowing
+      ? "Precision over recall of the answers played so far. The ring is the threshold."
       : "Precision over recall of the map's own answers, each drive held out in turn. The ring is the threshold.";
-    const at = rowAt(points, threshold);
-    this.curve.label =
-      `Precision over recall; at the threshold ${threshold.toFixed(2)} ${at ? `precision ${percent(at.precision, 1)}, recall ${percent(at.recall, 1)}` : "nothing is accepted"}.`;
+    const at = rowAt(table, threshold);
+    const reached = at
+      ? `precision ${percent(at.precision, 1)}, recall ${percent(at.recall, 1)}` : "nothing is accepted";
+    this.curve.label = `Precision over recall; at the threshold ${threshold.toFixed(2)} ${reached}.`;
     const scale = { x: { min: 0, max: 1, label: "recall" }, y: { min: 0, max: 1, label: "precision" } };
     this.curve.draw(scale, ({ group, x, y }) => {
-      const line = [...points].sort((one, other) => other.threshold - one.threshold);
-      group.append(svg("path", { class: "curve", d: `M${line.map((one) => `${x(one.recall)} ${y(one.precision)}`).join("L")}` }));
+      const line = [...table].sort((one, other) => other.threshold - one.threshold);
+      const points = line.map((one) => `${x(one.recall)} ${y(one.precision)}`);
+      group.append(svg("path", { class: "curve", d: `M${points.join("L")}` }));
       if (at) group.append(svg("circle", { class: "ring", cx: x(at.recall), cy: y(at.precision), r: 7 }));
     });
   }
@@ -106,7 +114,8 @@ export class ThresholdView {
     const frames = this.drive.frames.length;
     this.points.label = "Probability of each answer of the played drive, with the threshold.";
     const kinds = knowing ? ["right", "wrong", "left"] : ["accepted", "left"];
-    byId("answers-caption").replaceChildren("Answers along the played drive:  ", html("span", { class: "legend" }, ...kinds.map(legendMark), "– – threshold"));
+    const legend = html("span", { class: "legend" }, ...kinds.map(legendMark), "– – threshold");
+    byId("answers-caption").replaceChildren("Answers along the played drive:  ", legend);
     const scale = { x: frameAxis(frames), y: { min: 0, max: 1, label: "probability" } };
     this.points.draw(scale, ({ group, x, y, width }) => {
       const radius = Math.min(Math.max(width / frames / 2, 2), 4.5);
@@ -124,5 +133,8 @@ export class ThresholdView {
   }
 }
 
-const legendMark = (kind) => html("span", { class: "key" },
-  svg("svg", { width: 12, height: 12, viewBox: "0 0 12 12", "aria-hidden": "true" }, svg("path", { class: `mark ${kind}`, d: mark(kind, 6, 6, 4.5) })), VERDICTS[kind].replace(/^. /, ""));
+function legendMark(kind) {
+  const sample = svg("path", { class: `mark ${kind}`, d: mark(kind, 6, 6, 4.5) });
+  const box = svg("svg", { width: 12, height: 12, viewBox: "0 0 12 12", "aria-hidden": "true" }, sample);
+  return html("span", { class: "key" }, box, VERDICTS[kind].replace(/^. /, ""));
+}
