@@ -21,7 +21,18 @@ from everplace.route.selection import Selection, parse_frames
 from everplace.scoring.retrieval import retrieve
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
-from studies import adaptation, calibration, comparisons, folds, living_map, map_kills, prior, sequences, teaching
+from studies import (
+    ablation,
+    adaptation,
+    calibration,
+    comparisons,
+    folds,
+    living_map,
+    map_kills,
+    prior,
+    sequences,
+    teaching,
+)
 from studies.protocols import PROTOCOLS, Protocol
 from studies.tables import SCORES, spread
 
@@ -40,6 +51,7 @@ def study() -> None:
         "comparisons": comparisons.main,
         "folds": folds.main,
         "prior": prior.main,
+        "ablation": ablation.main,
         "adaptation": adaptation.main,
         "living_map": living_map.main,
         "map_kills": map_kills.main,
