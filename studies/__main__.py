@@ -22,6 +22,7 @@ from everplace.scoring.retrieval import retrieve
 from everplace.training.config import TrainConfig
 from everplace.training.fit import train
 from studies import (
+    ablation,
     adaptation,
     calibration,
     comparisons,
@@ -51,6 +52,7 @@ def study() -> None:
         "comparisons": comparisons.main,
         "folds": folds.main,
         "prior": prior.main,
+        "ablation": ablation.main,
         "adaptation": adaptation.main,
         "living_map": living_map.main,
         "first_map": first_map.main,

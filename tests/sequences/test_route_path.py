@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import astuple
 
 import numpy as np
@@ -11,9 +12,28 @@ from hypothesis import strategies as st
 from tests.sequences.hidden_markov import MODELS, correlations_of_few_places, drive, every_path, worth
 from tests.sequences.test_route_filter import DRIVES, PLACES
 
+from everplace.sequences import route_path
 from everplace.sequences.route_filter import RouteFilter
 from everplace.sequences.route_model import RouteModel
 from everplace.sequences.route_path import best_path, smooth_odds, smooth_route
+
+
+@pytest.fixture(scope="module", autouse=True, params=[0, 64 << 20], ids=["segments", "in one"])
+def _memory(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Short drives fit into memory whole; all must hold for long ones, too."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(route_path, "_MEMORY", request.param)
+        yield
+
+
+def test_segments_change_no_bit() -> None:
+    S = np.random.default_rng(0).normal(size=(40, 30)).repeat(np.random.default_rng(1).integers(1, 4, 40), axis=0)
+    whole, path = smooth_odds(S), best_path(S)
+    for memory in (0, 8 * 4 * 30 * 9, 64 << 20):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(route_path, "_MEMORY", memory)
+            np.testing.assert_array_equal(smooth_odds(S), whole)
+            np.testing.assert_array_equal(best_path(S), path)
 
 
 @settings(max_examples=30, deadline=None)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import dsyrk
 
 __all__ = ["Moments"]
 
@@ -43,12 +44,16 @@ class Moments:
         """
         count, features = vectors.shape
         weighted = np.ones(count) if weights is None else weights
-        total, products = np.zeros(features), np.zeros((features, features))
+        total = np.zeros(features)
+        # Of a symmetric matrix only one half is computed, and mirrored at the end.
+        half = np.zeros((features, features), order="F")
         for start in range(0, count, _ROWS):
             rows = slice(start, start + _ROWS)
             scaled = vectors[rows] * np.sqrt(weighted[rows])[:, None]
             total += weighted[rows] @ vectors[rows]
-            products += scaled.T @ scaled
+            half = dsyrk(1.0, scaled.T, beta=1.0, c=half, lower=1, overwrite_c=1)
+        products = half + half.T
+        products[np.diag_indices(features)] /= 2
         return cls(float(weighted.sum()), total, products)
 
     def __add__(self, other: Moments) -> Moments:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
@@ -11,15 +13,23 @@ from everplace.adaptation.drive_statistics import DriveStatistics
 from everplace.adaptation.moments import Moments
 from everplace.adaptation.prior import Prior
 
-__all__ = ["PRIOR_WEIGHT", "adapted_projection", "fitting_prior_weight", "taught_projection", "within_places"]
+__all__ = [
+    "LIGHT_WEIGHT",
+    "PRIOR_WEIGHT",
+    "RIDGE",
+    "adapted_projection",
+    "fitting_prior_weight",
+    "taught_projection",
+    "within_places",
+]
 
 PRIOR_WEIGHT = 200.0
 """Pairs that the prior counts as, unless the route's own pairs tell that it does not fit."""
-_LIGHT_WEIGHT = 0.5
+LIGHT_WEIGHT = 0.5
 """Pairs that other light counts as, for each place."""
-_RIDGE = 1.0
+RIDGE = 1.0
 _RIDGE_PLACES = 200.0
-"""Places at which the ridge is twice `_RIDGE`: the fewer there are, the less their covariance is to be believed."""
+"""Places at which the ridge is twice `RIDGE`: the fewer there are, the less their covariance is to be believed."""
 _STRETCH = 24
 
 
@@ -34,7 +44,7 @@ def within_places(statistics: DriveStatistics, prior: Prior | None, prior_weight
     """
     places, light, pairs = statistics.places, statistics.light, statistics.pairs
     # Of many frames only some were seen in other light.
-    light_weight = _LIGHT_WEIGHT * places.weight if light.weight else 0.0
+    light_weight = LIGHT_WEIGHT * places.weight if light.weight else 0.0
     total = pairs.products + light_weight * light.second_moment()
     weight = pairs.weight + light_weight
     if prior is not None and prior_weight:
@@ -60,7 +70,7 @@ def adapted_projection(
     places = statistics.places
     dimensions = max(1, min(dimensions, round(places.weight) - 1, places.features))
     within = within_places(statistics, prior, prior_weight)
-    add_ridge(within, _RIDGE * (1 + _RIDGE_PLACES / places.weight))
+    add_ridge(within, RIDGE * (1 + _RIDGE_PLACES / places.weight))
     directions = leading_directions(places.covariance(), within, dimensions)
     return Projection.standardised(directions, places.mean, places.second_moment())
 
@@ -75,7 +85,7 @@ def taught_projection(
     """The projection that a map and pairs of its places teach, with the prior weighed by how well it fits the pairs.
 
     Args:
-        statistics: Of the map, without the pairs.
+        statistics: Of the map; its pairs are not read.
         changes: K×F of `half_differences`, in the order of travel; K may be 0.
         weights: (K,).
         dimensions: D; lowered to the number of places less one.
@@ -85,8 +95,7 @@ def taught_projection(
         The projection, and the pairs that the prior counted as; 0 without one.
     """
     prior_weight = 0.0 if prior is None else fitting_prior_weight(statistics, changes, weights, prior)
-    none = Moments.none(changes.shape[1])
-    taught = statistics + DriveStatistics(none, none, Moments.of(changes, weights))
+    taught = replace(statistics, pairs=Moments.of(changes, weights))
     return adapted_projection(taught, dimensions, prior, prior_weight), prior_weight
 
 
@@ -114,7 +123,7 @@ def fitting_prior_weight(
     inside = differences @ V.T
     light = V @ statistics.light.second_moment() @ V.T
     known = np.diag(prior.variances.astype(np.float64)) + prior.rest * (V @ V.T)
-    light_weight = _LIGHT_WEIGHT * statistics.places.weight if statistics.light.weight else 0.0
+    light_weight = LIGHT_WEIGHT * statistics.places.weight if statistics.light.weight else 0.0
 
     def log_likelihood(weight: float) -> float:
         total = 0.0

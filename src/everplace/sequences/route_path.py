@@ -1,11 +1,12 @@
 """Where on the route a whole traverse went, looking back: forward-backward smoothing and the best path.
 
-Both are exact for `RouteModel` and keep about 2√M rows of states in memory: every √M-th row is kept on the way
-forward, and the rows between are computed again on the way back.
+Both are exact for `RouteModel` and keep about 3√M rows of states in memory, or 64 MB of them where that is more: the
+first row of every segment is kept on the way forward, and the rows between are computed again on the way back.
 """
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -21,6 +22,9 @@ from everplace.sequences.route_filter import Answer, answer, log_odds
 from everplace.sequences.route_model import GAITS, RouteModel, checked_scores
 
 __all__ = ["best_path", "smooth_odds", "smooth_route"]
+
+_MEMORY = 64 << 20
+"""Bytes of states and ratios that a segment may take however few its frames are."""
 
 
 def smooth_route(S: NDArray[Any], model: RouteModel | None = None, *, reach: int = 1) -> list[Answer]:
@@ -68,7 +72,7 @@ def _smoothed(S: NDArray[Any], model: RouteModel) -> Iterator[tuple[NDArray[np.f
     drive, places = _Drive(S, model), S.shape[1]
     exits = model.exits(places)
     kept = [Course.begin(drive.ratios(0), model)]
-    edges = _segments(len(S))
+    edges = _segments(*S.shape)
     for start, end in pairwise(edges):
         kept.append(_forward(drive, start, end + 1, kept[-1])[-1])
     later = _Later(np.ones((len(GAITS), places)), 1.0)
@@ -107,7 +111,7 @@ def best_path(S: NDArray[Any], model: RouteModel | None = None) -> NDArray[np.in
     on = np.broadcast_to(model.start * model.anywhere(S.shape[1]), (len(GAITS), S.shape[1]))
     begun = np.log(np.append(on, 1 - model.start)) + _log_states(drive.ratios(0))
     kept = [np.append(begun, np.full(states, -np.inf))]
-    edges = _segments(len(S))
+    edges = _segments(*S.shape)
     for start, end in pairwise(edges):
         kept.append(_best_steps(drive, start, end + 1, kept[-1])[0])
     found = np.empty(len(S), np.int64)
@@ -130,20 +134,31 @@ class _Drive:
         self.model = model
         self._evidence = DriveEvidence(S, model)
         self._view = np.arange(len(self._evidence.new)).repeat(self._evidence.shown)
+        # A segment is gone through forwards and then backwards, by the same ratios.
+        self._kept: OrderedDict[int, NDArray[np.float64]] = OrderedDict()
+        self._most = _segment(*S.shape) + 2
 
     def ratios(self, frame: int) -> NDArray[np.float64]:
         """N: what the last new frame says of the places."""
         view = int(self._view[frame])
-        said: NDArray[np.float64] = self._evidence.after_others(view, view + 1)[0]
-        return said
+        if view not in self._kept:
+            self._kept[view] = self._evidence.after_others(view, view + 1)[0]
+            if len(self._kept) > self._most:
+                self._kept.popitem(last=False)
+        return self._kept[view]
 
     def is_new(self, frame: int) -> bool:
         return frame == 0 or bool(self._view[frame] != self._view[frame - 1])
 
 
-def _segments(frames: int) -> list[int]:
-    """The first frames of segments of about √M frames."""
-    return list(range(0, frames, max(1, int(np.sqrt(frames)))))
+def _segment(frames: int, places: int) -> int:
+    """Frames of a segment: √M, or more where their states fit into a small part of memory."""
+    return max(1, int(np.sqrt(frames)), _MEMORY // (8 * (len(GAITS) + 1) * places))
+
+
+def _segments(frames: int, places: int) -> list[int]:
+    """The first frames of all segments."""
+    return list(range(0, frames, _segment(frames, places)))
 
 
 def _forward(drive: _Drive, start: int, end: int, course: Course) -> list[Course]:
