@@ -170,3 +170,14 @@ def test_it_answers_from_the_version_it_opened(three_map: Path, unchanged_render
     assert localizer.locate(image) == before
     assert Localizer(three_map, sequence=1).locate(image).drive == "summer"
     assert Localizer(Map.open(three_map, 3), sequence=1).locate(image) == before
+
+
+def test_the_belief_is_what_the_answer_rests_on(unchanged_three_map: Path, unchanged_rendered_route: Path) -> None:
+    localizer = Localizer(unchanged_three_map)
+    assert not localizer.belief.any()
+    for image in images_of(unchanged_rendered_route / "autumn")[20:26]:
+        answer = localizer.locate(image)
+        assert localizer.belief.shape == localizer.places.shape
+        assert localizer.belief.sum() + answer.off_map == pytest.approx(1)
+        column = int(np.flatnonzero(localizer.places == answer.place)[0])
+        assert localizer.belief[column - 1 : column + 2].sum() == pytest.approx(answer.probability)
