@@ -59,10 +59,12 @@ def compare(
     require_directory(out)
     require_outside(out, route)
     chosen, wanted, selection = places.chosen(route), split_names(methods), places.selection()
+    from everplace.experiments.manifest import open_study, require_same_study, require_told
+
+    require_told(chosen, right.truth())  # before torch is imported
     from everplace.experiments.comparison import compare_methods
     from everplace.experiments.comparison_methods import fit_and_open, require_fit_settings, select_tested
     from everplace.experiments.comparison_report import write_comparison
-    from everplace.experiments.manifest import open_study, require_same_study
 
     progress = show_progress()
     chosen_by = {

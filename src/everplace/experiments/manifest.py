@@ -26,10 +26,10 @@ from everplace.match.matching import Matching
 from everplace.progress import Progress, quiet
 from everplace.route.fingerprint import traverse_fingerprint
 from everplace.route.route import Route
-from everplace.scoring.retrieval import MatchRule, pair_of, true_matches
+from everplace.scoring.retrieval import MatchRule, Pair, pair_of, rule_of, true_matches
 from everplace.scoring.score_definitions import SCORE_DEFINITIONS
 
-__all__ = ["DEFINITIONS", "MANIFEST", "Study", "open_study", "require_same_study"]
+__all__ = ["DEFINITIONS", "MANIFEST", "Study", "compared_pairs", "open_study", "require_same_study", "require_told"]
 
 MANIFEST = "manifest.json"
 
@@ -89,10 +89,8 @@ def open_study(
         ConfigError: Both a tolerance and a radius are given.
         ImageError: An image cannot be read.
     """
-    if len(route.traverses) < 2:
-        raise RouteError(f"a comparison needs two traverses, but {route.name} has one; add another or choose both")
     digest = hashlib.sha256()
-    pairs = [pair_of(route, query.name, database.name) for query, database in permutations(route.traverses, 2)]
+    pairs = compared_pairs(route)
     resolved = truth
     for pair in pairs:
         matches, resolved = true_matches(pair, truth)
@@ -124,6 +122,29 @@ def open_study(
         "definitions": DEFINITIONS,
     }
     return Study(route, resolved, matching, json.loads(json.dumps(document)))
+
+
+def compared_pairs(route: Route) -> list[Pair]:
+    """All ordered pairs of a route's traverses.
+
+    Raises:
+        RouteError: There is only one traverse.
+    """
+    if len(route.traverses) < 2:
+        raise RouteError(f"a comparison needs two traverses, but {route.name} has one; add another or choose both")
+    return [pair_of(route, query.name, database.name) for query, database in permutations(route.traverses, 2)]
+
+
+def require_told(route: Route, truth: MatchRule) -> None:
+    """Makes sure that the truth of a comparison can be told, as far as names show it: neither slow nor heavy.
+
+    Raises:
+        RouteError: There is only one traverse.
+        ConfigError: Both a tolerance and a radius are given.
+        NotAlignedError: Stems are to tell the truth, but are no places, or none is shared.
+    """
+    for pair in compared_pairs(route):
+        rule_of(pair, truth)
 
 
 def require_same_study(out: Path, study: Study) -> None:

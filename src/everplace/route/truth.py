@@ -23,6 +23,7 @@ __all__ = [
     "TRUTH_CSV",
     "TruthPair",
     "TruthTable",
+    "require_shared_stems",
     "tolerance_band",
     "truth_by_pose",
     "truth_by_position",
@@ -177,15 +178,24 @@ def truth_by_position(
     """
     if tolerance < 0:
         raise ConfigError(f"tolerance {tolerance} is negative; give 0 or a number of frames")
+    require_shared_stems(query, database)
+    place = {stem: rank for rank, stem in enumerate(natural_sorted({*query.stems, *database.stems, *places}))}
+    rows, columns = ([place[stem] for stem in traverse.stems] for traverse in (query, database))
+    return tolerance_band(rows, columns, tolerance)
+
+
+def require_shared_stems(query: Traverse, database: Traverse) -> None:
+    """Makes sure that two traverses have a stem in common.
+
+    Raises:
+        NotAlignedError: They have none.
+    """
     if frozenset(query.stems).isdisjoint(database.stems):
         raise NotAlignedError(
             f"the traverses {query.name!r} and {database.name!r} share no stem, so nobody knows which frames "
             "show the same place; name frames of the same place alike, find them with `everplace data align`, or add "
             f"poses and give a radius{spelling_hint(query.stems, database.stems)}"
         )
-    place = {stem: rank for rank, stem in enumerate(natural_sorted({*query.stems, *database.stems, *places}))}
-    rows, columns = ([place[stem] for stem in traverse.stems] for traverse in (query, database))
-    return tolerance_band(rows, columns, tolerance)
 
 
 def tolerance_band(query: Sequence[int], database: Sequence[int], tolerance: int) -> NDArray[np.bool_]:

@@ -23,11 +23,21 @@ from everplace.progress import Progress, quiet
 from everplace.route.route import Route
 from everplace.route.selection import Selection, select, select_maps
 from everplace.route.traverse import Traverse
-from everplace.route.truth import truth_by_pose, truth_by_position
+from everplace.route.truth import require_shared_stems, truth_by_pose, truth_by_position
 from everplace.scoring.precision_table import AtPrecision, precision_table
 from everplace.scoring.scores import PrecisionRecall, Scores, evaluate, precision_recall
 
-__all__ = ["MatchRule", "Pair", "Retrieval", "choose_pair", "pair_of", "retrieve", "retrieve_pair", "true_matches"]
+__all__ = [
+    "MatchRule",
+    "Pair",
+    "Retrieval",
+    "choose_pair",
+    "pair_of",
+    "retrieve",
+    "retrieve_pair",
+    "rule_of",
+    "true_matches",
+]
 
 
 def retrieve(
@@ -292,13 +302,30 @@ def pair_of(route: Route, query: str, database: str) -> Pair:
 
 
 def true_matches(pair: Pair, truth: MatchRule) -> tuple[NDArray[np.bool_], MatchRule]:
-    """The truth of a pair; what `truth` leaves open comes from route.toml, else ±1 frame.
+    """The truth of a pair, and what told it, as `rule_of` says.
 
     Frames are counted along all frames of the two traverses of the route, also those that do not ask.
 
     Raises:
         ConfigError: Both a tolerance and a radius are given.
         RouteError: Poses are missing for a radius, or the file of pairs is wrong.
+        NotAlignedError: Stems are to tell the truth, but are no places, or none is shared.
+    """
+    rule, route = rule_of(pair, truth), pair.route
+    if rule.radius is not None:
+        return truth_by_pose(pair.query, pair.database, rule.radius), rule
+    if rule.tolerance is None:
+        assert route.truth is not None
+        return route.truth.matches(pair.query, pair.database), rule
+    places = route[pair.query.name].stems
+    return truth_by_position(pair.query, pair.database, rule.tolerance, places), rule
+
+
+def rule_of(pair: Pair, truth: MatchRule) -> MatchRule:
+    """What tells the truth of a pair, if names show that it can; what is left open comes from route.toml, else ±1.
+
+    Raises:
+        ConfigError: Both a tolerance and a radius are given.
         NotAlignedError: Stems are to tell the truth, but are no places, or none is shared.
     """
     route = pair.route
@@ -308,16 +335,15 @@ def true_matches(pair: Pair, truth: MatchRule) -> tuple[NDArray[np.bool_], Match
         raise ConfigError(f"tolerance {truth.tolerance} is negative; give 0 or a number of frames")
     if truth.tolerance is None and truth.radius is None:
         if route.truth is not None:
-            return route.truth.matches(pair.query, pair.database), MatchRule(pairs=route.truth.path.name)
+            return MatchRule(pairs=route.truth.path.name)
         tolerance = route.tolerance if route.radius is None else None
         truth = MatchRule(1 if tolerance is None and route.radius is None else tolerance, route.radius)
     if truth.radius is not None:
-        return truth_by_pose(pair.query, pair.database, truth.radius), truth
-    assert truth.tolerance is not None
+        return truth
     if not route.stems_are_places and pair.query.name != pair.database.name:
         raise NotAlignedError(
             f"the traverses {pair.query.name!r} and {pair.database.name!r} {route.why_not_aligned}, so nobody knows "
             "which frames show the same place; add poses and give `radius`, or find them with `everplace data align`"
         )
-    places = route[pair.query.name].stems
-    return truth_by_position(pair.query, pair.database, truth.tolerance, places), truth
+    require_shared_stems(pair.query, pair.database)
+    return truth
