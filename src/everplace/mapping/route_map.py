@@ -89,11 +89,11 @@ class Map:
             MapError: There is no map or no such version, or it is damaged.
         """
         tables = _connected(address)
-        states = tables.states()
-        for state in states:
-            if state.version == (states[-1].version if version is None else version):
-                return cls(tables, state)
-        raise MapError(f"the map {readable(address)} has no version {version}; it has 1 to {states[-1].version}")
+        versions = tables.versions()
+        wanted = versions[-1] if version is None else version
+        if wanted not in versions:
+            raise MapError(f"the map {readable(address)} has no version {version}; it has 1 to {versions[-1]}")
+        return cls(tables, tables.state(wanted))
 
     @classmethod
     def create(
@@ -223,7 +223,7 @@ class Map:
     @property
     def newest(self) -> bool:
         """Whether it is still the newest version."""
-        return self._tables.newest_version() == self.version
+        return self._tables.versions()[-1] == self.version
 
     @property
     def graph_directories(self) -> tuple[Path, ...]:
@@ -287,7 +287,7 @@ class Map:
             RouteError: The drive holds no frame.
         """
         with _writing(self.address):
-            state = self._tables.states()[-1]
+            state = self._tables.newest()
             self._tables.revert(state)
             self._state = state
             fixes = poses is None and self._takes_fixes
@@ -326,7 +326,7 @@ class Map:
             MapError: There is no such drive, or it is the only one.
         """
         with _writing(self.address):
-            state = self._tables.states()[-1]
+            state = self._tables.newest()
             self._tables.revert(state)
             self._state = state
             if name not in self.drives:
@@ -344,7 +344,7 @@ class Map:
             MapError: There is none of that number.
         """
         with _writing(self.address):
-            newest = self._tables.states()[-1]
+            newest = self._tables.newest()
             old = Map.open(self.address, version)._state
             self._state = self._tables.commit(
                 newest.version + 1, old.document, old.arrays, old.frames_version, old.descriptors_version
