@@ -239,3 +239,24 @@ def test_a_place_that_may_not_be_written_to(two: MapTables, monkeypatch: pytest.
     monkeypatch.setattr(type(table), "add", refuse)
     with pytest.raises(StorageError, match="map: Permission denied; free space or check the permissions$"):
         two.commit(3, {}, {}, 1, 1)
+
+
+def test_of_two_states_of_one_number_the_first_counts_for_every_reader(two: MapTables) -> None:
+    """As where two writers met at an object store."""
+    wanted = two.newest()
+    two.commit(2, {**wanted.document, "method": "late"}, wanted.arrays, 1, 1)
+    assert two.versions() == [1, 2]
+    for state in (two.newest(), two.state(2), two.states()[-1]):
+        assert state.document == wanted.document
+        assert (state.frames_version, state.descriptors_version) == (
+            wanted.frames_version,
+            wanted.descriptors_version,
+        )
+
+
+def test_frames_that_another_writer_added_are_noticed(two: MapTables) -> None:
+    frames = two.add_frames(rows("late", 4))
+    two.require_alone(frames, 12)
+    for expected in (8, 11, 13):
+        with pytest.raises(MapError, match="another process changed the map .* meanwhile, so this change came to noth"):
+            two.require_alone(frames, expected)

@@ -147,44 +147,55 @@ class MapTables:
             if name in (_FRAMES, _DESCRIPTORS, _STATES):
                 self._database.drop_table(name)
 
+    def versions(self) -> list[int]:
+        """Numbers of all versions, ascending.
+
+        Raises:
+            MapError: There is no map, or it is empty.
+        """
+        found = self._read(self._open(_STATES), ["version"])["version"].to_pylist()
+        if not found:
+            raise MapError(f"the map {readable(self.address)} is empty: its creation was stopped; make it anew")
+        return sorted(set(found))
+
+    def state(self, version: int) -> MapState:
+        """One of these versions.
+
+        Raises:
+            MapError: It is damaged, or of another format.
+        """
+        from safetensors.numpy import load
+
+        rows = self._read(self._open(_STATES), None, f"version = {version}").to_pylist()
+        row = rows[0]  # of equal numbers the first that was committed
+        try:
+            document = json.loads(row["document"])
+            found_format = document.get("format")
+            arrays = load(row["arrays"]) if found_format == FORMAT else {}
+        except Exception as error:
+            raise MapError(f"the map {readable(self.address)} is damaged ({error}); restore it from a copy") from None
+        if found_format != FORMAT:
+            raise MapError(
+                f"the map {readable(self.address)} has format {found_format!r}, but this version of everplace reads "
+                f"format {FORMAT}; use the version that wrote it, or make the map anew"
+            )
+        return MapState(version, row["created"], document, arrays, row["frames_version"], row["descriptors_version"])
+
     def states(self) -> list[MapState]:
         """All versions, oldest first.
 
         Raises:
             MapError: There is no map, it is damaged, or it is of another format.
         """
-        from safetensors.numpy import load
+        return [self.state(version) for version in self.versions()]
 
-        rows = self._read(self._open(_STATES), None).to_pylist()
-        states: list[MapState] = []
-        for row in sorted(rows, key=lambda row: int(row["version"])):  # of equal numbers the first committed is first
-            if states and states[-1].version == row["version"]:
-                continue
-            try:
-                document = json.loads(row["document"])
-                found_format = document.get("format")
-                arrays = load(row["arrays"]) if found_format == FORMAT else {}
-            except Exception as error:
-                raise MapError(
-                    f"the map {readable(self.address)} is damaged ({error}); restore it from a copy"
-                ) from None
-            if found_format != FORMAT:
-                raise MapError(
-                    f"the map {readable(self.address)} has format {found_format!r}, but this version of "
-                    f"everplace reads format {FORMAT}; use the version that wrote it, or make the map anew"
-                )
-            states.append(
-                MapState(
-                    row["version"], row["created"], document, arrays, row["frames_version"], row["descriptors_version"]
-                )
-            )
-        if not states:
-            raise MapError(f"the map {readable(self.address)} is empty: its creation was stopped; make it anew")
-        return states
+    def newest(self) -> MapState:
+        """The newest version.
 
-    def newest_version(self) -> int:
-        """The number of the newest version, read without the rest of it; 0: none; errors as `states`."""
-        return max(self._read(self._open(_STATES), ["version"])["version"].to_pylist(), default=0)
+        Raises:
+            MapError: As for `states`.
+        """
+        return self.state(self.versions()[-1])
 
     def frames(self, state: MapState, columns: Sequence[str]) -> pa.Table:
         """The frames of a version, in the order of drives and frames.
@@ -318,8 +329,7 @@ class MapTables:
             table.add(_table(row, table.schema))
         if self.local is None:
             named = ["version", "document", "frames_version", "descriptors_version"]
-            made = self._read(self._open(_STATES), named).to_pylist()
-            first = next(one for one in made if one["version"] == version)
+            first = self._read(self._open(_STATES), named, f"version = {version}").to_pylist()[0]
             if any(first[name] != row[name][0] for name in named):
                 raise _lost(self.address)
         return MapState(version, created, {**document, "format": FORMAT}, arrays, frames, descriptors)
@@ -351,9 +361,9 @@ class MapTables:
                 f"the map {readable(self.address)} is damaged: its table {name} cannot be opened; restore a copy"
             ) from error
 
-    def _read(self, table: Any, columns: list[str] | None) -> pa.Table:
+    def _read(self, table: Any, columns: list[str] | None, where: str = "") -> pa.Table:
         try:
-            query = table.search()
+            query = table.search().where(where) if where else table.search()
             return (query.select(columns) if columns else query).limit(None).to_arrow()
         except Exception as error:  # LanceDB raises what its core gives
             raise MapError(f"the map {readable(self.address)} is damaged ({_reason(error)}); restore a copy") from None

