@@ -26,6 +26,7 @@ from everplace.mapping.described_drive import DescribedDrive, describe_drive
 from everplace.mapping.drive_source import open_drive
 from everplace.mapping.map_learning import light_arrays
 from everplace.mapping.map_tables import MapState, MapTables, Thumbnails, as_matrix
+from everplace.mapping.map_writing import commit_learnt, drive_rows, one_writer, require_free, with_poses
 from everplace.mapping.place_scores import PlaceFrames
 from everplace.mapping.placement import Align, Placement, agreement, believed, pairs_by_name, pairs_by_pose, placed
 from everplace.mapping.self_teaching import sure_pairs_of_scores
