@@ -6,11 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from numpy.typing import NDArray
+from torch import nn
 
 from everplace.describe.describer import Describer
 from everplace.describe.files.descriptors import Settings
 from everplace.describe.joined import JoinedDescriber
+from everplace.describe.pretrained.network import NetworkDescriber
 from everplace.describe.registry import open_describer
 from everplace.errors import MethodError
 from everplace.images.decoding import ImageSpec
@@ -110,3 +113,28 @@ def test_a_run_whose_name_has_a_plus_is_a_run(tmp_path: Path, monkeypatch: pytes
     (tmp_path / "hog16+hog" / "config.toml").write_text("")
     with pytest.raises(Exception, match=r"checkpoint\.json is missing"):
         open_describer("hog16+hog")
+
+
+def small_network(size: tuple[int, int]) -> NetworkDescriber:
+    return NetworkDescriber("small", nn.Sequential(nn.AvgPool2d(8), nn.Flatten()), settings={}, batch=4, size=size)
+
+
+@pytest.mark.parametrize("size", [(128, 256), (64, 128), (32, 64)])
+def test_the_network_of_parts_rounds_grey_and_halves_as_images_do(size: tuple[int, int]) -> None:
+    joined = JoinedDescriber([open_describer("hog16"), small_network(size)])
+    assert joined.image.size is not None
+    images = np.random.default_rng(0).integers(0, 256, (3, *joined.image.size, 3), dtype=np.uint8)
+    images[2] = 128  # says nothing to the gradients
+    network = joined.network()
+    assert network is not None
+    with torch.inference_mode():
+        values = network(torch.from_numpy(images).permute(0, 3, 1, 2) / 255).numpy()
+    np.testing.assert_allclose(values, joined.describe_batch(images), atol=1e-5)
+
+
+def test_parts_of_other_factors_or_without_a_network_are_none() -> None:
+    odd = JoinedDescriber([open_describer("hog16"), small_network((96, 96))])
+    with pytest.raises(MethodError, match="small resizes|hog16 resizes") as caught:
+        odd.network()
+    assert "another factor than one half" in str(caught.value)
+    assert JoinedDescriber([open_describer("hog16"), open_describer("hog")]).network() is None
