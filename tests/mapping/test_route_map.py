@@ -472,7 +472,7 @@ def test_what_makes_no_map_leaves_nothing(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("where", ["_learnt", "_rows"])
+@pytest.mark.parametrize("where", ["commit_learnt", "drive_rows"])
 def test_a_creation_that_fails_leaves_nothing(
     unchanged_rendered_route: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
@@ -497,7 +497,7 @@ def test_an_addition_that_fails_changes_nothing_and_the_next_one_works(
 
     m = Map.open(summer_map)
     with monkeypatch.context() as patch:
-        patch.setattr(route_map, "_learnt", stop)  # the frames are in the table by then
+        patch.setattr(route_map, "commit_learnt", stop)  # the frames are in the table by then
         with pytest.raises(KeyboardInterrupt):
             m.add(unchanged_rendered_route / "autumn")
     for opened in (m, Map.open(summer_map)):
