@@ -35,7 +35,7 @@ from everplace.training.config import write_config
 from everplace.training.fitted_methods import build_config, train
 
 PLACES = 160
-MAPS = (1000, 2000)
+MAPS = (10_000, 100_000)
 _MAP_BYTES = 1e9
 _FEW, _MANY = 1, 65
 _ROUNDS = 3

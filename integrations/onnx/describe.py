@@ -11,7 +11,7 @@ import json
 import cv2
 import numpy as np
 import onnxruntime
-from PIL import Image
+from PIL import Image, ImageOps
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("network")
@@ -27,8 +27,11 @@ if given.map:
     import lancedb
 
     database = lancedb.connect(given.map)
-    version = json.loads(told["everplace.about"])["map_version"]
-    (state,) = database.open_table("states").search().where(f"version = {version}").to_list()
+    version = json.loads(told["everplace.about"]).get("map_version", 0)
+    states = database.open_table("states").search().where(f"version = {version}").to_list()
+    if not states:
+        parser.error(f"{given.network} was not exported from a version of {given.map}; export the map again")
+    state = states[0]
     drives = [drive["name"] for drive in json.loads(state["document"])["drives"]]
     tables = {name: database.open_table(name) for name in ("frames", "descriptors")}
     for name, table in tables.items():
@@ -37,9 +40,12 @@ if given.map:
     frames.sort(key=lambda frame: (drives.index(frame["drive"]), frame["number"]))
     rows = sorted(tables["descriptors"].search().limit(None).to_list(), key=lambda row: row["row"])
     known = np.array([row["descriptor"] for row in rows])
-    known /= np.linalg.norm(known, axis=1, keepdims=True)
+    known /= np.maximum(np.linalg.norm(known, axis=1, keepdims=True), 1e-12)
 for path in given.images:
-    pixels = np.array(Image.open(path).convert(mode))
+    picture = ImageOps.exif_transpose(Image.open(path))
+    if picture.mode.startswith(("I", "F")):
+        parser.error(f"{path} has more than 8 bits a pixel; convert it to 8 bits")
+    pixels = np.array(picture.convert(mode))
     smaller = (min(width, pixels.shape[1]), min(height, pixels.shape[0]))
     pixels = cv2.resize(cv2.resize(pixels, smaller, interpolation=cv2.INTER_AREA), (width, height))
     image = pixels.reshape(1, height, width, channels).transpose(0, 3, 1, 2).astype(np.float32) / 255

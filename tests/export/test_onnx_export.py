@@ -18,7 +18,7 @@ import torch
 from everplace.cli import main
 from everplace.describe.describer import Describer
 from everplace.describe.registry import open_describer
-from everplace.errors import ConfigError, MachineError, MissingExtraError
+from everplace.errors import ConfigError, MachineError, MethodError, MissingExtraError
 from everplace.experiments.recipe_names import named_recipe
 from everplace.experiments.trust import seen_places
 from everplace.export import onnx_export as export
@@ -190,7 +190,7 @@ def test_a_missing_library_is_named_with_its_extra(
     [
         (["{run}", "--onnx", "{base}/net.pt"], "--onnx .*net.pt must end in .onnx"),
         (["{base}", "--onnx", "{base}/net.onnx"], "is no run directory"),
-        (["hog", "--onnx", "{base}/net.onnx"], "hog is no run of a network"),
+        (["hog", "--onnx", "{base}/net.onnx"], "hog cannot be exported: hog is no network"),
         (["{base}/none", "--onnx", "{base}/net.onnx"], "there is no method or run directory"),
     ],
 )
@@ -257,7 +257,7 @@ def test_an_adapted_run_that_is_no_network_is_refused(
     run = adapted_run(method, tiny_route, tmp_path / "run")
     assert main.run(["export", str(run), "--onnx", str(tmp_path / "net.onnx")]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert f"is no run of a network, but adapted {method}; export a vae" in line
+    assert f"cannot be exported: adapted {method} is no network; export a vae" in line
     assert not (tmp_path / "net.onnx").exists()
 
 
@@ -275,11 +275,21 @@ def test_eight_bits_are_smaller_and_nearly_the_same(tmp_path: Path, tiny_route: 
     assert written.difference > 1e-4
     told = {one.key: one.value for one in onnx.load(tmp_path / "net.onnx").metadata_props}
     assert told["everplace.numbers"] == "int8"
+    of_whole = {one.key: one.value for one in onnx.load(tmp_path / "whole.onnx").metadata_props}
+    assert told["everplace.hash"] != of_whole["everplace.hash"]
     ours = values_of(describer, tiny_route, 12)
     theirs = values_of(open_describer(f"onnx:{tmp_path / 'net.onnx'}"), tiny_route, 5)
     cosines = (ours * theirs).sum(1) / np.linalg.norm(ours, axis=1) / np.linalg.norm(theirs, axis=1)
     assert cosines.min() > 0.9
     assert sorted(path.name for path in tmp_path.glob("net*")) == ["net.onnx", "net.toml"]
+
+
+@pytest.mark.slow
+def test_what_was_not_learnt_is_not_exported_in_8_bits(tmp_path: Path, tiny_route: Path) -> None:
+    images = list(decode_images(open_route(tiny_route)["summer"].paths, open_describer("hog16").image))
+    with pytest.raises(MethodError, match="no layer of this network was learnt"):
+        export_onnx(open_describer("hog16"), tmp_path / "net.onnx", images)
+    assert not list(tmp_path.glob("*net*"))
 
 
 @pytest.mark.slow

@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from everplace.describe.registry import open_describer
 from everplace.experiments.exported_run import export_run
 from everplace.mapping.route_learning import adapt
 from everplace.mapping.route_map import Map
+from everplace.route.folder import open_traverse
 from everplace.route.route import open_route
 
 SCRIPT = Path(__file__).parents[2] / "integrations" / "onnx" / "describe.py"
@@ -35,6 +37,7 @@ def run_alone(tmp_path: Path, *arguments: str | Path) -> list[dict[str, Any]]:
         [sys.executable, str(SCRIPT), *map(str, arguments)], env=environment, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
@@ -50,6 +53,39 @@ def test_it_describes_as_everplace_does(tmp_path: Path, tiny_route: Path, int8: 
     np.testing.assert_allclose(theirs, ours, atol=1e-3 if not int8 else 0.2)
     if not int8:
         np.testing.assert_allclose(theirs, open_describer(str(tmp_path / "run")).describe(winter).values, atol=1e-3)
+
+
+def test_a_picture_that_lies_on_its_side_is_turned_and_one_of_16_bits_refused(tmp_path: Path, tiny_route: Path) -> None:
+    adapt("hog16", open_route(tiny_route), tmp_path / "run", dimensions=8, prior="none")
+    export_run(tmp_path / "run", tmp_path / "net.onnx")
+    (tmp_path / "drive").mkdir()
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    pixels = np.random.default_rng(0).integers(0, 256, (12, 20, 3), dtype=np.uint8)
+    Image.fromarray(pixels).resize((200, 120)).save(tmp_path / "drive" / "1.jpg", quality=95, exif=exif)
+    (answer,) = run_alone(tmp_path, tmp_path / "net.onnx", tmp_path / "drive" / "1.jpg")
+    ours = open_describer(f"onnx:{tmp_path / 'net.onnx'}").describe(open_traverse(tmp_path / "drive")).values
+    np.testing.assert_allclose(answer["descriptor"], ours[0], atol=0.02)
+    Image.fromarray(np.arange(240, dtype=np.uint16).reshape(12, 20) * 200).save(tmp_path / "deep.png")
+    done = subprocess.run(
+        [sys.executable, str(SCRIPT), str(tmp_path / "net.onnx"), str(tmp_path / "deep.png")],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert "has more than 8 bits a pixel" in done.stderr
+
+
+def test_a_network_of_no_version_of_the_map_is_refused(
+    unchanged_summer_map: Path, unchanged_rendered_route: Path, tmp_path: Path, tiny_route: Path
+) -> None:
+    adapt("hog16", open_route(tiny_route), tmp_path / "run", dimensions=8, prior="none")
+    export_run(tmp_path / "run", tmp_path / "net.onnx")
+    image = unchanged_rendered_route / "winter" / "00003.png"
+    command = [sys.executable, str(SCRIPT), str(tmp_path / "net.onnx"), str(image), "--map", str(unchanged_summer_map)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "was not exported from a version of" in done.stderr
 
 
 def test_it_finds_frames_on_a_map_of_the_version_that_was_exported(

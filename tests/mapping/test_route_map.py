@@ -75,6 +75,10 @@ def test_a_page_shows_what_the_images_of_an_added_drive_say(
 def test_a_page_of_what_nobody_looked_at_is_refused(summer_map: Path, tmp_path: Path, align: Align) -> None:
     with pytest.raises(ConfigError, match=f"`report` shows what the images say, which `align` {align} does not ask"):
         Map.open(summer_map).add(summer_map, align=align, report=tmp_path / "page")
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigError, match="`report` .*file is a file; name a directory"):
+        Map.open(summer_map).add(summer_map, report=tmp_path / "file")
+    assert Map.open(summer_map).version == 1
     assert not (tmp_path / "page").exists()
 
 

@@ -82,6 +82,7 @@ class JoinedDescriber(Describer):
         self.dimension = sum(part.dimension for part in parts)
         self.batch = min(part.batch for part in parts)
         self.seen_stems = frozenset().union(*(part.seen_stems for part in parts))
+        self.seen_images = frozenset().union(*(part.seen_images for part in parts))
 
     def settings(self) -> Settings:
         """Returns those of the parts, each under its number."""

@@ -81,7 +81,7 @@ def export_onnx(
 
     Raises:
         CheckpointError: The run directory is damaged.
-        MethodError: It is no run directory, or its method is no network.
+        MethodError: There is no such method, it is no network, or it is asked for in 8 bits and none of it was learnt.
         ConfigError: Where the TOML has to go lies one of another kind.
         MissingExtraError: The ONNX libraries are not installed.
         MachineError: The exported network gives other descriptors than the run; nothing is written.
@@ -93,8 +93,8 @@ def export_onnx(
     if network is None or describer.image.size is None:
         name = describer.method if isinstance(run, Describer) else readable(run)
         raise MethodError(
-            f"{name} is no run of a network, but {describer.method}; export a vae, c-vae, cp-vae or cae, or a run that "
-            "hog16 or efficientnet was adapted to"
+            f"{name} cannot be exported: {describer.method} is no network; export a vae, c-vae, cp-vae or cae, hog16 "
+            "or efficientnet, or what was adapted from them"
         )
     _require_libraries()
     height, width = describer.image.size
@@ -107,7 +107,8 @@ def export_onnx(
         _require_same(describer, OnnxDescriber(file, toml), run)
         if calibration is not None:
             quantise(file, calibration, learnt=[name for name, _ in network.named_parameters()])
-        write_metadata(file, _about(describer), _identity(describer, toml, quantised=calibration is not None))
+        quantised = b"" if calibration is None else file.read_bytes()
+        write_metadata(file, _about(describer), _identity(describer, toml, quantised))
         written = OnnxDescriber(file, toml)
         trials = _random_images(describer) if calibration is None else calibration[:_CALIBRATION_TRIALS]
         difference, cosine = _compared(describer, written, trials)
@@ -123,14 +124,20 @@ def _about(describer: Describer) -> dict[str, Any]:
     return {**describer.settings(), **seen}
 
 
-def _identity(describer: Describer, toml: OnnxToml, *, quantised: bool) -> dict[str, str]:
-    """What a program without everplace has to know; descriptors of equal hashes can be compared."""
-    settings = json.dumps([describer.method, dict(describer.settings())], sort_keys=True)
+def _identity(describer: Describer, toml: OnnxToml, quantised: bytes) -> dict[str, str]:
+    """What a program without everplace has to know; descriptors of equal hashes can be compared.
+
+    Args:
+        describer: What was exported.
+        toml: What images it wants.
+        quantised: The network in 8 bits, whose numbers depend on the images it was calibrated on; empty: in 32 bits.
+    """
+    settings = json.dumps([describer.method, dict(describer.settings())], sort_keys=True).encode() + quantised
     return {
         "image_size": " ".join(map(str, toml.image_size)),
         "colour": toml.colour,
         "method": describer.method,
-        "hash": hashlib.sha256(settings.encode()).hexdigest()[:16],
+        "hash": hashlib.sha256(settings).hexdigest()[:16],
         "numbers": "int8" if quantised else "float32",
     }
 

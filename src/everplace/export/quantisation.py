@@ -16,6 +16,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from everplace.errors import MethodError
+
 __all__ = ["quantise"]
 
 _LAYERS = ["Conv", "Gemm", "MatMul"]
@@ -29,6 +31,9 @@ def quantise(network: Path, images: Sequence[NDArray[np.uint8]], *, learnt: Coll
         images: H×W×C, as the network wants them, at least one: the ranges are those of its numbers on these.
         learnt: Names of the parameters that were learnt; a layer without one of them, such as a fixed filter, stays in
             32 bits.
+
+    Raises:
+        MethodError: No layer was learnt.
     """
     import onnx
     from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
@@ -44,6 +49,9 @@ def quantise(network: Path, images: Sequence[NDArray[np.uint8]], *, learnt: Coll
             return {"images": image.transpose(2, 0, 1)[None].astype(np.float32) / np.float32(255)}
 
     nodes = onnx.load(str(network)).graph.node
+    layers = [node.name for node in nodes if not frozenset(learnt).isdisjoint(node.input)]
+    if not layers:  # which the library takes for all of them
+        raise MethodError("no layer of this network was learnt, so none can be kept in 8 bits; export it in 32 bits")
     with _silent():
         quantize_static(
             str(network),
@@ -51,7 +59,7 @@ def quantise(network: Path, images: Sequence[NDArray[np.uint8]], *, learnt: Coll
             Reader(),
             quant_format=QuantFormat.QDQ,
             op_types_to_quantize=_LAYERS,
-            nodes_to_quantize=[node.name for node in nodes if not frozenset(learnt).isdisjoint(node.input)],
+            nodes_to_quantize=layers,
             per_channel=True,
             reduce_range=True,
             activation_type=QuantType.QUInt8,

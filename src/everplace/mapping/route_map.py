@@ -313,6 +313,8 @@ class Map:
         """
         if report is not None and align in ("names", "poses"):
             raise ConfigError(f"`report` shows what the images say, which `align` {align} does not ask; leave one out")
+        if report is not None and Path(report).exists() and not Path(report).is_dir():
+            raise ConfigError(f"`report` {readable(report)} is a file; name a directory")
         with one_writer(self.address):
             state = self._tables.newest()
             self._tables.revert(state)

@@ -85,7 +85,8 @@ class TaughtDrive:
             }
 
 
-def places_by_name(stems: Sequence[str], map_stems: Sequence[str]) -> NDArray[np.int64]:
-    """(M,) the place whose frame has the same name, far below 0 where there is none."""
+def places_by_name(stems: Sequence[str], map_stems: Sequence[str]) -> NDArray[np.int64] | None:
+    """(M,) the place whose frame has the same name, far below 0 where there is none; None: no name is the map's."""
     place = {stem: index for index, stem in enumerate(map_stems)}
-    return np.array([place.get(stem, _ELSEWHERE) for stem in stems], np.int64)
+    found = np.array([place.get(stem, _ELSEWHERE) for stem in stems], np.int64)
+    return found if (found >= 0).any() else None

@@ -84,9 +84,10 @@ def _add_drive(section: Section, map_name: str, shown: ShownDrive) -> None:
         "least log-odds of a pair": float(odds[sure].min()) if sure.any() else None,
         "mean probability of a pair": float(expit(odds[sure].astype(float)).mean()) if sure.any() else None,
     }
-    if correct is not None:
+    if correct is not None and drive.true is not None:
+        of_map = ~sure & (drive.true >= 0)
         facts["right, of the pairs"] = drive.right
-        facts["right, of the refused"] = float(correct[~sure].mean()) if not sure.all() else None
+        facts["right, of the refused"] = float(correct[of_map].mean()) if of_map.any() else None
     section.facts(facts)
     figure, axes = new_axes(6.4, 4.0)
     title = f"{drive.name} on {map_name}"

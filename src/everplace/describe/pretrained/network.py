@@ -33,8 +33,9 @@ class _Normalising(nn.Module):
             self.register_buffer(name, torch.tensor(values, dtype=torch.float32)[:, None, None])
 
     def forward(self, images: Tensor) -> Tensor:
-        output: Tensor = self.described((images - self.mean) / self.std)
-        return output
+        output = self.described((images - self.mean) / self.std)
+        descriptors: Tensor = output[0] if isinstance(output, tuple | list) else output
+        return descriptors
 
 
 class NetworkDescriber(Describer):
