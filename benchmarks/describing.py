@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from PIL import Image
 from torch import nn
 
 from benchmarks.ratio import Ratio
@@ -125,11 +126,15 @@ def _decoding_bound(scratch: Path) -> list[Ratio]:
     """Light methods take little beside decoding JPEGs of a camera's size to that of the method."""
     rows = []
     best = _describer(kind="cp-vae", places=100, fully_connected=False, oriented_gradients=True)
+    config = {"places": PLACES, "size": (480, 640), "conditions": ("summer",), "format": "jpg"}
+    render_route(scratch / "camera", render_config(config))
+    camera = open_traverse(scratch / "camera" / "summer")
     for height, width in ((480, 640), (1080, 1920)):
-        config = {"places": PLACES, "size": (height, width), "conditions": ("summer",), "format": "jpg"}
-        route = scratch / f"route{height}"
-        render_route(route, render_config(config))
-        traverse = open_traverse(route / "summer")
+        drive = scratch / f"drive{height}"
+        drive.mkdir()
+        for path in camera.paths:
+            Image.open(path).resize((width, height)).save(drive / path.name, quality=90)
+        traverse = open_traverse(drive)
         for name, describer in (("hog16", open_describer("hog16")), ("best", best)):
             decoding, whole = [], []
             for _ in range(ROUNDS):
