@@ -12,7 +12,7 @@ from everplace.mapping.localizer import Localizer
 from everplace.serve.drive_sessions import DriveSessions
 from everplace.serve.service_limits import DEFAULT_LIMITS
 
-BYTES = 60 * 10 * 8
+BYTES = 60 * 10 * 96
 """Of the filter of the road's 60 places."""
 
 
@@ -26,6 +26,18 @@ class Clock:
 
     def __call__(self) -> float:
         return self.now
+
+
+def test_a_newer_version_lets_go_of_the_earlier_ones_and_a_late_frame_does_not_bring_them_back(
+    localizer: Localizer,
+) -> None:
+    sessions = DriveSessions(DEFAULT_LIMITS)
+    for name in ("one", "two"):
+        sessions.take(name, localizer, 1)
+    newer = sessions.take("one", localizer, 2)
+    assert newer.version == 2
+    assert len(sessions) == 1
+    assert sessions.take("one", localizer, 1) is newer
 
 
 def test_a_session_is_found_again_with_what_it_knows(localizer: Localizer) -> None:

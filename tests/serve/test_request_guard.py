@@ -112,6 +112,9 @@ def test_loopback(host: str, loopback: bool) -> None:
     if not loopback:
         with pytest.raises(ConfigError, match="so a token is required"):
             require_token(host, "")
+        with pytest.raises(ConfigError, match="so a token is required"):
+            require_token("127.0.0.1", "", ["localhost", host])
+    require_token(host, "secret", [host])
 
 
 @pytest.mark.parametrize("token", ["two words", "line\nbreak", "caf\u00e9", "\x7f"])

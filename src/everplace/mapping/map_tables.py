@@ -338,7 +338,11 @@ class MapTables:
         """What the map takes on disk; None at another address."""
         if self.local is None:
             return None
-        return sum(path.stat().st_size for path in self.local.rglob("*") if path.is_file())
+        total = 0
+        for path in self.local.rglob("*"):
+            with contextlib.suppress(FileNotFoundError):  # a writer has just swept it
+                total += path.stat().st_size if path.is_file() else 0
+        return total
 
     def _names(self) -> list[str]:
         if self.local is not None and not self.local.is_dir():

@@ -14,7 +14,8 @@ from everplace.serve.service_limits import ServiceLimits
 
 __all__ = ["DriveSession", "DriveSessions"]
 
-_BYTES_A_PLACE = 8 * SEQUENCE
+_BYTES_A_PLACE = 96 * SEQUENCE
+"""Of each view: its scores, what they say, three beliefs, and as many again where the drive stands."""
 
 
 @dataclass(eq=False)
@@ -55,7 +56,7 @@ class DriveSessions:
             return len(self._sessions)
 
     def take(self, name: str, localizer: Localizer, version: int) -> DriveSession:
-        """The drive of a name; it begins anew where there is none, or where the map has become another.
+        """The drive of a name; it begins anew where there is none, or where the map has a newer version.
 
         Args:
             name: Of the session.
@@ -65,7 +66,8 @@ class DriveSessions:
         with self._lock:
             self._forget_idle()
             found = self._sessions.pop(name, None)
-            if found is None or found.version != version:
+            if found is None or found.version < version:
+                self._forget_before(version)
                 found = DriveSession(localizer.another(SEQUENCE), version, 0.0)
             found.used = self._clock()
             self._sessions[name] = found
@@ -78,6 +80,11 @@ class DriveSessions:
         """Forgets a drive; says whether there was one."""
         with self._lock:
             return self._sessions.pop(name, None) is not None
+
+    def _forget_before(self, version: int) -> None:
+        """Lets go of earlier versions of the map, of which each session keeps one in memory."""
+        for name in [name for name, session in self._sessions.items() if session.version < version]:
+            del self._sessions[name]
 
     def _forget_idle(self) -> None:
         oldest = self._clock() - self._limits.session_seconds

@@ -49,7 +49,7 @@ def serve_map(
         ConfigError: A token is missing, or nothing can listen there.
         MapError: There is no such map, it is damaged, or it was made with what is not here.
     """
-    require_token(host, token)
+    require_token(host, token, names)
     with _listening(host, port) as listener:
         service = MapService(address, limits)
         config = uvicorn.Config(

@@ -191,9 +191,9 @@ class MapService:
             session = self.sessions.take(request.session, loaded.localizer, loaded.version)
             with session.lock:
                 seen = session.localizer.observe(image, request.time, matches=request.matches)
-        else:
-            seen = loaded.localizer.another(1).observe(image, request.time, matches=request.matches)
-        return _as_json(loaded, request, seen)
+            return _as_json(session.version, request, seen)
+        seen = loaded.localizer.another(1).observe(image, request.time, matches=request.matches)
+        return _as_json(loaded.version, request, seen)
 
     def _decoded(self, data: bytes) -> NDArray[np.uint8]:
         """H×W×3 RGB of an image file from a stranger."""
@@ -217,8 +217,8 @@ def _compute_alone() -> None:
     torch.set_num_threads(1)
 
 
-def _as_json(loaded: LoadedMap, request: LocateRequest, seen: Observation) -> dict[str, Any]:
-    answer: dict[str, Any] = {"frame": request.frame, **seen.answer.to_dict(), "version": loaded.version}
+def _as_json(version: int, request: LocateRequest, seen: Observation) -> dict[str, Any]:
+    answer: dict[str, Any] = {"frame": request.frame, **seen.answer.to_dict(), "version": version}
     if request.matches:
         answer["matches"] = [asdict(match) for match in seen.matches]
     if request.details:

@@ -35,7 +35,7 @@ def is_loopback(host: str) -> bool:
     return host == "localhost" if address is None else address.is_loopback
 
 
-def require_token(host: str, token: str) -> None:
+def require_token(host: str, token: str, names: Iterable[str] = ()) -> None:
     """Refuses to serve other machines without a token.
 
     Raises:
@@ -43,9 +43,10 @@ def require_token(host: str, token: str) -> None:
     """
     if token and not (token.isascii() and token.isprintable() and " " not in token):
         raise ConfigError("`token` must consist of printable ASCII characters without blanks")
-    if not token and not is_loopback(host):
+    reached = next((name for name in (host, *names) if not is_loopback(name)), None)
+    if not token and reached is not None:
         raise ConfigError(
-            f"other machines reach `host` {host}, so a token is required; give `token`, or set EVERPLACE_TOKEN"
+            f"other machines reach {reached}, so a token is required; give `token`, or set EVERPLACE_TOKEN"
         )
 
 

@@ -36,14 +36,15 @@ export class PlayedDrive {
     if (this.playing) return;
     if (this.at === this.frames.length - 1) this.at = -1;
     this.playing = true;
+    const run = (this._run = (this._run ?? 0) + 1); // a run that was paused may still wait for its next frame
     this.onState();
-    while (this.playing && this.at < this.frames.length - 1) {
+    while (this.playing && run === this._run && this.at < this.frames.length - 1) {
       const begun = performance.now();
       if (!(await this.show(this.at + 1))) break;
       const wait = this.pace ? 1000 / this.pace - (performance.now() - begun) : 0;
       await new Promise((resolve) => setTimeout(resolve, Math.max(wait, 0)));
     }
-    this.pause();
+    if (run === this._run) this.pause();
   }
 
   pause() {
