@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import httpx
 import numpy as np
 import pytest
 from PIL import Image
@@ -15,6 +17,9 @@ from tests.serve.running_service import RunningService, running
 from everplace.images.decoding import ImageSpec, decode_image
 from everplace.mapping.localizer import Localizer
 from everplace.mapping.route_map import Map
+from everplace.serve.http_app import build_app
+from everplace.serve.map_service import MapService
+from everplace.serve.service_limits import DEFAULT_LIMITS
 
 
 def test_a_frame_is_answered_as_by_localize(
@@ -251,3 +256,25 @@ def test_a_map_that_grows_meanwhile(summer_map: Path, unchanged_rendered_route: 
         assert later["probability"] == pytest.approx(anew)  # the session began again
         assert service.client.get("/map").json()["drives"][1]["name"] == "winter"
         assert service.client.get("/healthz").json()["version"] == 2
+
+
+def test_a_failure_is_one_sentence_without_its_details(
+    unchanged_summer_map: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(row: int) -> dict[str, object]:
+        raise RuntimeError(f"secret of row {row}")
+
+    service = MapService(unchanged_summer_map, DEFAULT_LIMITS)
+    monkeypatch.setattr(service.loaded, "frame", fail)
+    app = build_app(service, host="127.0.0.1")
+
+    async def asked() -> httpx.Response:
+        transport = httpx.ASGITransport(app=app, raise_app_exceptions=False)
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+            return await client.get("/frames/3/info")
+
+    answer = asyncio.run(asked())
+    service.close()
+    assert (answer.status_code, answer.json()) == (500, {"detail": "the service failed; it has logged why"})
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert "secret of row 3" in capsys.readouterr().err

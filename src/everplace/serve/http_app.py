@@ -43,6 +43,7 @@ _UPLOAD: dict[int | str, dict[str, Any]] = {
     400: {"model": Failure, "description": "There is no image, or it cannot be decoded."},
     413: {"model": Failure, "description": "Too many bytes or pixels."},
 }
+_FAILED = "the service failed; it has logged why"
 _SESSION = r"^[A-Za-z0-9_-]{1,64}$"
 
 Image = Annotated[UploadFile, File(description="An image file: JPEG, PNG, WebP, BMP, TIFF, PPM.")]
@@ -74,6 +75,7 @@ def build_app(service: MapService, *, host: str, token: str = "", names: Iterabl
     app.add_exception_handler(MapError, _unreadable)
     app.add_exception_handler(RequestValidationError, _malformed)
     app.add_exception_handler(HTTPException, _not_served)
+    app.add_exception_handler(Exception, _failed)  # and is raised on, to be logged
     limited = BodyLimit(app, service.limits)
     return CountedRequests(_Caught(RequestGuard(limited, host, token, names)), metrics)
 
@@ -218,6 +220,10 @@ def _not_served(_: Request, error: Exception) -> Response:
     return JSONResponse({"detail": sentence}, error.status_code, error.headers)
 
 
+def _failed(_: Request, error: Exception) -> Response:  # noqa: ARG001 - clients are told no details
+    return JSONResponse({"detail": _FAILED}, 500)
+
+
 class _Caught:
     """Tells the log what went wrong, and the client that something did."""
 
@@ -238,4 +244,4 @@ class _Caught:
             print(f"everplace: this is a bug in everplace: {type(error).__name__}", file=sys.stderr)
             traceback.print_exception(error)
             if not started:
-                await refuse(RefusedError(500, "the service failed; it has logged why"), scope, receive, send)
+                await refuse(RefusedError(500, _FAILED), scope, receive, send)
