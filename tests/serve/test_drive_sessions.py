@@ -10,6 +10,7 @@ import pytest
 
 from everplace.mapping.localizer import Localizer
 from everplace.serve.drive_sessions import DriveSessions
+from everplace.serve.refusal import RefusedError
 from everplace.serve.service_limits import DEFAULT_LIMITS
 
 BYTES = 60 * 10 * 96
@@ -28,16 +29,16 @@ class Clock:
         return self.now
 
 
-def test_a_newer_version_lets_go_of_the_earlier_ones_and_a_late_frame_does_not_bring_them_back(
-    localizer: Localizer,
-) -> None:
+def test_a_map_that_has_become_another_lets_go_of_the_drives_on_the_earlier_one(localizer: Localizer) -> None:
     sessions = DriveSessions(DEFAULT_LIMITS)
     for name in ("one", "two"):
-        sessions.take(name, localizer, 1)
-    newer = sessions.take("one", localizer, 2)
-    assert newer.version == 2
-    assert len(sessions) == 1
-    assert sessions.take("one", localizer, 1) is newer
+        sessions.take(name, localizer, 2)
+    for version in (3, 1):  # made anew, a map has lower numbers than before
+        other = localizer.another(1)
+        newer = sessions.take("one", other, version)
+        assert newer.version == version
+        assert len(sessions) == 1
+        assert sessions.take("one", other, version) is newer
 
 
 def test_a_session_is_found_again_with_what_it_knows(localizer: Localizer) -> None:
@@ -55,7 +56,7 @@ def test_a_session_is_found_again_with_what_it_knows(localizer: Localizer) -> No
 def test_another_version_of_the_map_begins_it_anew(localizer: Localizer) -> None:
     sessions = DriveSessions(DEFAULT_LIMITS)
     one = sessions.take("one", localizer, 1)
-    assert sessions.take("one", localizer, 2) is not one
+    assert sessions.take("one", localizer.another(1), 2) is not one
     assert len(sessions) == 1
 
 
@@ -93,3 +94,16 @@ def test_a_session_is_ended_once(localizer: Localizer) -> None:
     sessions = DriveSessions(DEFAULT_LIMITS)
     sessions.take("one", localizer, 1)
     assert [sessions.end("one"), sessions.end("one"), sessions.end("none")] == [True, False, False]
+
+
+def test_no_more_frames_of_one_drive_wait_than_the_limit(localizer: Localizer) -> None:
+    sessions = DriveSessions(replace(DEFAULT_LIMITS, session_waiting=2))
+    one, two = sessions.take("one", localizer, 1), sessions.take("two", localizer, 1)
+    with sessions.entered(one), sessions.entered(one):
+        with pytest.raises(RefusedError) as refused, sessions.entered(one):
+            pass
+        assert refused.value.status == 503
+        with sessions.entered(two):
+            pass
+    with sessions.entered(one):
+        assert one.waiting == 1

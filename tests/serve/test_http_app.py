@@ -265,7 +265,7 @@ def test_a_failure_is_one_sentence_without_its_details(
         raise RuntimeError(f"secret of row {row}")
 
     service = MapService(unchanged_summer_map, DEFAULT_LIMITS)
-    monkeypatch.setattr(service.loaded, "frame", fail)
+    monkeypatch.setattr(service.map.loaded, "frame", fail)
     app = build_app(service, host="127.0.0.1")
 
     async def asked() -> httpx.Response:

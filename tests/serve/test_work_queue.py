@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from functools import partial
 
 import pytest
 
@@ -80,5 +81,28 @@ def test_closing_drops_what_waits() -> None:
         with pytest.raises(asyncio.CancelledError):
             await dropped
         assert ran == []
+
+    asyncio.run(story())
+
+
+def test_who_waits_for_a_turn_takes_no_thread_and_turns_come_in_order() -> None:
+    async def story() -> None:
+        queue, gate, order = WorkQueue("test", waiting=8, workers=2), threading.Event(), []
+        turn = asyncio.Lock()
+
+        def numbered(number: int) -> None:
+            gate.wait(20)
+            order.append(number)
+
+        held = [asyncio.ensure_future(queue.run(partial(numbered, number), turn)) for number in range(5)]
+        await asyncio.sleep(0.05)
+        assert await asyncio.wait_for(queue.run(lambda: "another"), 5) == "another"
+        assert queue.under_way == 5
+        held[2].cancel()  # whose work is done all the same
+        gate.set()
+        await asyncio.gather(*held, return_exceptions=True)
+        assert order == [0, 1, 2, 3, 4]
+        assert not turn.locked()
+        queue.close()
 
     asyncio.run(story())

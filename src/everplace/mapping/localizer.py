@@ -255,7 +255,7 @@ def _graph_of(opened: Map, vectors: NDArray[np.float32], progress: Progress) -> 
 
     A map of few frames needs none, and an earlier version is asked too seldom for one to be built.
     """
-    if len(vectors) < place_search.EXACT_BELOW or opened.newest_version() != opened.version:
+    if len(vectors) < place_search.EXACT_BELOW or not opened.is_newest():
         return None
     return shown(
         progress,

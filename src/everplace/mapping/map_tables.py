@@ -153,10 +153,15 @@ class MapTables:
         Raises:
             MapError: There is no map, or it is empty.
         """
-        found = self._read(self._open(_STATES), ["version"])["version"].to_pylist()
-        if not found:
+        return list(self.created())
+
+    def created(self) -> dict[int, str]:
+        """When each version was made, by its number, ascending; errors as `versions`."""
+        rows = self._read(self._open(_STATES), ["version", "created"]).to_pylist()
+        if not rows:
             raise MapError(f"the map {readable(self.address)} is empty: its creation was stopped; make it anew")
-        return sorted(set(found))
+        first = {row["version"]: row["created"] for row in reversed(rows)}  # of equal ones the first counts
+        return dict(sorted(first.items()))
 
     def state(self, version: int) -> MapState:
         """One of these versions.

@@ -262,13 +262,15 @@ class Map:
         """Small pictures of the frames, in the order of `frames`, read one by one."""
         return self._tables.thumbnails(self._state)
 
-    def newest_version(self) -> int:
-        """The newest version at the map's address, looked for anew: somebody else may have added a drive.
+    def is_newest(self) -> bool:
+        """Whether this is the newest version at the map's address, looked for anew.
+
+        Somebody else may have added a drive, or made another map in its place.
 
         Raises:
             MapError: The map was removed or damaged meanwhile.
         """
-        return self._tables.versions()[-1]
+        return list(self._tables.created().items())[-1] == (self.version, self.created)
 
     def descriptors(self) -> NDArray[np.float32]:
         """N×D, in the order of `frames`."""

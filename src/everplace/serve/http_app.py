@@ -118,7 +118,7 @@ def _add_answers(app: FastAPI, service: MapService, metrics: ServiceMetrics) -> 
     @app.get("/map", response_model=MapOverview, responses=_ANY)
     async def overview(request: Request) -> Response:
         """Tells what the map holds."""
-        loaded = await service.current()
+        loaded = await service.map.current()
         return _tagged(request, loaded.summary, "application/json", loaded.tag)
 
     @app.get(
@@ -134,7 +134,7 @@ def _add_answers(app: FastAPI, service: MapService, metrics: ServiceMetrics) -> 
         ] = None,
     ) -> Response:
         """Gives the thumbnail of a frame of the map."""
-        loaded = await service.current()
+        loaded = await service.map.current()
         if version not in (None, loaded.version):
             raise RefusedError(404, f"the map has become version {loaded.version} meanwhile; ask /map again")
         data = await service.read(lambda: loaded.thumbnail(id))
@@ -143,12 +143,12 @@ def _add_answers(app: FastAPI, service: MapService, metrics: ServiceMetrics) -> 
     @app.get("/frames/{id}/info", response_model=FrameInfo, responses=_ANY)
     async def frame_info(id: FrameId) -> Response:
         """Tells what is known of a frame of the map."""
-        return JSONResponse((await service.current()).frame(id))
+        return JSONResponse((await service.map.current()).frame(id))
 
     @app.get("/healthz", response_model=Health, responses={403: _ANY[403]})
     async def health() -> Response:
         """Says that the service answers."""
-        return JSONResponse({"status": "ok", "version": service.loaded.version})
+        return JSONResponse({"status": "ok", "version": service.map.loaded.version})
 
     @app.get(
         "/metrics",

@@ -29,7 +29,7 @@ class ServiceMetrics:
             buckets=_BUCKETS, registry=self.registry,
         )  # fmt: skip
         for name, meaning, value in (
-            ("everplace_map_version", "Version of the map that answers.", lambda: service.loaded.version),
+            ("everplace_map_version", "Version of the map that answers.", lambda: service.map.loaded.version),
             ("everplace_sessions", "Drives whose filter is kept.", lambda: len(service.sessions)),
             ("everplace_work_under_way", "Frames that are answered or wait for it.", lambda: service.work.under_way),
         ):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from typing import TypeVar
 
 from everplace.serve.refusal import too_busy
@@ -38,10 +39,14 @@ class WorkQueue:
         """Functions that run or wait."""
         return self._under_way
 
-    async def run(self, work: Callable[[], T]) -> T:
+    async def run(self, work: Callable[[], T], turn: asyncio.Lock | None = None) -> T:
         """Gives what the function returns, or raises what it raises.
 
         Whoever waits may give up: the function then runs all the same, and counts until it has.
+
+        Args:
+            work: The function.
+            turn: Held while it runs; who waits for it takes a place in the queue, but no thread.
 
         Raises:
             RefusedError: Too many functions wait.
@@ -49,9 +54,13 @@ class WorkQueue:
         if self._under_way >= self._most:
             raise too_busy()
         self._under_way += 1
-        future = asyncio.get_running_loop().run_in_executor(self._pool, work)
-        future.add_done_callback(self._done)
-        return await asyncio.shield(future)
+        task = asyncio.ensure_future(self._run(work, turn))
+        task.add_done_callback(self._done)
+        return await asyncio.shield(task)
+
+    async def _run(self, work: Callable[[], T], turn: asyncio.Lock | None) -> T:
+        async with turn or nullcontext():
+            return await asyncio.get_running_loop().run_in_executor(self._pool, work)
 
     def close(self) -> None:
         """Drops what waits, and ends when what runs has ended."""
