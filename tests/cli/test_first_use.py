@@ -44,6 +44,7 @@ def test_the_list_of_commands_says_each_summary_whole(group: tuple[str, ...]) ->
         ("compare", "{unaligned}", "--methods", "cp-vae,hog", "--fit-frames", ":4", "--frames", "6:"),
         ("compare", "{unaligned}", "--methods", "hog", "--conditions", "summer"),
         ("compare", "{unaligned}", "--methods", "hog", "--tolerance", "1", "--radius", "5"),
+        ("compare", "{unaligned}", "--methods", "hog", "--tolerance", "1", "--fit-frames", "7"),
     ],
 )
 def test_what_is_wrong_with_a_route_is_said_before_torch_is_imported(

@@ -60,8 +60,11 @@ def compare(
     require_outside(out, route)
     chosen, wanted, selection = places.chosen(route), split_names(methods), places.selection()
     from everplace.experiments.manifest import open_study, require_same_study, require_told
+    from everplace.route.selection import parse_frames
 
     require_told(chosen, right.truth())  # before torch is imported
+    if fit_frames:
+        parse_frames(fit_frames, "`fit_frames`")
     from everplace.experiments.comparison import compare_methods
     from everplace.experiments.comparison_methods import fit_and_open, require_fit_settings, select_tested
     from everplace.experiments.comparison_report import write_comparison

@@ -2,8 +2,7 @@
 
 Pillow decodes and OpenCV resizes. OpenCV's own decoders return the grey lower half of a truncated file as if it
 were the picture, and print libjpeg's and libpng's warnings on stderr; Pillow refuses what is broken, in silence
-(only libtiff has a word to say about broken compressed TIFFs). `formats` says how each format becomes 8-bit
-grey or RGB.
+(`libtiff` sees to that of compressed TIFFs). `formats` says how each format becomes 8-bit grey or RGB.
 """
 
 from __future__ import annotations

@@ -26,6 +26,7 @@ from PIL.WebPImagePlugin import WebPImageFile
 from everplace.errors import ImageError
 from everplace.git_lfs import POINTER_BYTES, is_pointer, pointer_sentence
 from everplace.images.heif import heif_ending, heif_reader
+from everplace.images.libtiff import silence_libtiff
 from everplace.images.sixteen_bits import SixteenBits
 from everplace.warning_source import warnings_of
 
@@ -148,6 +149,8 @@ def _open(name: str, data: bytes) -> ImageFile.ImageFile:
     reader = _find_reader(name, data)
     if reader is PngImageFile:
         _check_png(data)
+    if reader is TiffImageFile:
+        silence_libtiff()
     image = reader(io.BytesIO(data))
     if image.width * image.height > MAX_PIXELS:
         raise ImageError(
