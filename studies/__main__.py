@@ -32,6 +32,7 @@ from studies import (
     map_kills,
     prior,
     sequences,
+    served_page,
     teaching,
 )
 from studies.protocols import PROTOCOLS, Protocol
@@ -56,6 +57,7 @@ def study() -> None:
         "adaptation": adaptation.main,
         "living_map": living_map.main,
         "first_map": first_map.main,
+        "served_page": served_page.main,
         "map_kills": map_kills.main,
         "teaching": teaching.main,
     }
