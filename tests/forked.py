@@ -68,7 +68,10 @@ class ForkedProcess(subprocess.Popen[str]):
         def _line(self) -> bytes:
             line = b""
             while not line.endswith(b"\n"):
-                line += os.read(self._told, 1)
+                letter = os.read(self._told, 1)
+                if not letter:
+                    raise EOFError("the process that forks has ended")
+                line += letter
             return line
 
         def _try_wait(self, flags: int) -> tuple[int, int]:
