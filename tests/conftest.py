@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from filelock import FileLock
 from PIL import Image
 from tests.file_server import FileServer, serving
+from tests.forked import ForkedProcess
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 PLACES = 12
+CHROMIUM = Path("/usr/bin/chromium")
+
+
+def pytest_collection_finish() -> None:
+    """Keeps what was imported out of each later search for garbage, which takes a tenth of the time otherwise."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_configure() -> None:
@@ -38,6 +50,28 @@ def shared_data() -> Path:
     if not (path / "nordland64").is_dir():
         pytest.skip(f"real data is not at {path}: set EVERPLACE_DATA to the directory that holds nordland64")
     return path
+
+
+MadeOnce = Callable[[str, Callable[[Path], object]], Path]
+
+
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
+    """Makes a directory under a name, once for all processes of a run; nobody may change it."""
+    base = tmp_path_factory.getbasetemp()
+    base = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "made-once"
+    base.mkdir(exist_ok=True)
+
+    def once(name: str, make: Callable[[Path], object]) -> Path:
+        path, whole = base / name, base / f"{name}.whole"
+        with FileLock(base / f"{name}.lock"):
+            if not whole.exists():
+                shutil.rmtree(path, ignore_errors=True)  # of a process that failed
+                make(path)
+                whole.touch()
+        return path
+
+    return once
 
 
 @pytest.fixture
@@ -78,38 +112,35 @@ def unchanged_tiny_route(tmp_path_factory: pytest.TempPathFactory, make_landscap
 
 
 @pytest.fixture(scope="session")
-def unchanged_rendered_route(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def unchanged_rendered_route(made_once: MadeOnce) -> Path:
     """A rendered road of 60 places in summer, autumn and winter, 64×128, with poses; nobody may change it."""
     from everplace.render.render_config import RenderConfig
     from everplace.render.rendered_route import render_route
 
-    path = tmp_path_factory.mktemp("rendered") / "road"
-    render_route(path, RenderConfig(places=60, seed=3, size=(64, 128), conditions=("summer", "autumn", "winter")))
-    return path
+    config = RenderConfig(places=60, seed=3, size=(64, 128), conditions=("summer", "autumn", "winter"))
+    return made_once("road", lambda path: render_route(path, config))
 
 
 @pytest.fixture(scope="session")
-def unchanged_summer_map(unchanged_rendered_route: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def unchanged_summer_map(unchanged_rendered_route: Path, made_once: MadeOnce) -> Path:
     """A map by hog16 of that road's summer; nobody may change it."""
     from everplace.mapping.route_map import Map
 
-    path = tmp_path_factory.mktemp("map") / "road"
-    Map.create(path, unchanged_rendered_route / "summer", method="hog16")
-    return path
+    drive = unchanged_rendered_route / "summer"
+    return made_once("summer-map", lambda path: Map.create(path, drive, method="hog16"))
 
 
 @pytest.fixture(scope="session")
-def unchanged_three_map(
-    unchanged_summer_map: Path, unchanged_rendered_route: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Path:
+def unchanged_three_map(unchanged_summer_map: Path, unchanged_rendered_route: Path, made_once: MadeOnce) -> Path:
     """The same with autumn and winter; nobody may change it."""
     from everplace.mapping.route_map import Map
 
-    path = tmp_path_factory.mktemp("map") / "road"
-    shutil.copytree(unchanged_summer_map, path)
-    for name in ("autumn", "winter"):
-        Map.open(path).add(unchanged_rendered_route / name)
-    return path
+    def make(path: Path) -> None:
+        shutil.copytree(unchanged_summer_map, path)
+        for name in ("autumn", "winter"):
+            Map.open(path).add(unchanged_rendered_route / name)
+
+    return made_once("three-map", make)
 
 
 @pytest.fixture
@@ -130,14 +161,25 @@ def run_study() -> Callable[..., None]:
 
     def run(name: str, data: Path, out: Path, *options: str) -> None:
         root = Path(__file__).parents[1]
-        subprocess.run(
-            [sys.executable, "-m", "studies", name, "--data", data, "--out", out, *options],
-            check=True,
-            cwd=root,
-            env={**os.environ, "PYTHONPATH": "src"},
-        )
+        with ForkedProcess("-m", "studies", name, "--data", data, "--out", out, *options, cwd=root) as process:
+            assert process.wait() == 0
 
     return run
+
+
+@pytest.fixture(scope="module")  # while it is there, an event loop runs, so that no other can
+def browser() -> Iterator[Browser]:
+    """A browser that nobody sees."""
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'everplace[dev]'")
+    if not CHROMIUM.exists():
+        pytest.skip(f"{CHROMIUM} is not there: install the chromium package")
+    with api.sync_playwright() as playwright:
+        started = playwright.chromium.launch(
+            executable_path=str(CHROMIUM),
+            args=["--no-sandbox", "--disable-gpu", "--disable-background-networking"],
+        )
+        yield started
+        started.close()
 
 
 @pytest.fixture

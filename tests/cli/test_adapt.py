@@ -5,14 +5,12 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
 import shutil
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from tests.forked import ForkedProcess
 
 from everplace.cli import main
 from everplace.describe.registry import load
@@ -151,8 +149,7 @@ def test_what_is_killed_while_it_writes_is_not_there_and_the_next_one_cleans_up(
 ) -> None:
     out = tmp_path / "runs" / "adapted"
     given = ["adapt", "hog16", str(unchanged_tiny_route), "--dimensions", "4", "--out", str(out)]
-    killed = subprocess.run([sys.executable, "-c", KILLED, *given], env={**os.environ, "OMP_NUM_THREADS": "1"})
-    assert killed.returncode == -signal.SIGKILL
+    assert ForkedProcess("-c", KILLED, *given).wait() == -signal.SIGKILL
     assert not out.exists()
     (left,) = out.parent.iterdir()
     assert left.name.endswith(".part")

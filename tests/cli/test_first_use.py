@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from tests.cli.test_main import call
+from tests.forked import ForkedProcess
 from typer.main import get_command
 
 from everplace.cli import main
@@ -68,9 +69,9 @@ def test_ctrl_c_before_the_first_epoch_names_the_run_and_resume(
     make_landscapes: Callable[[Path, int], Path], tmp_path: Path
 ) -> None:
     route, out = make_landscapes(tmp_path / "route", 200), tmp_path / "run"
-    command = [sys.executable, "-m", "everplace", "train", str(route), "--model", "cp-vae", "--out", str(out)]
+    command = ["-m", "everplace", "train", str(route), "--model", "cp-vae", "--out", str(out)]
     command += ["--image-size", "224", "224", "--minutes", "5"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env={**os.environ, "NO_COLOR": "1"}) as process:
+    with ForkedProcess(*command, stderr=subprocess.PIPE, env={**os.environ, "NO_COLOR": "1"}) as process:
         while not (out / "config.toml").exists():
             assert process.poll() is None
             time.sleep(0.1)

@@ -6,13 +6,13 @@ import csv
 import io
 import json
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from tests.cli.test_main import call, refused
+from tests.forked import ForkedProcess
 from tests.mapping.drives import images_of, write_video
 
 KEYS = {
@@ -147,21 +147,16 @@ def test_no_map_is_one_sentence(unchanged_rendered_route: Path, tmp_path: Path) 
 
 
 def test_a_camera_that_is_not_there_is_one_sentence(unchanged_summer_map: Path) -> None:
-    command = [sys.executable, "-m", "everplace", "localize", str(unchanged_summer_map), "/dev/video97"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr == (
-        "everplace: the camera /dev/video97 cannot be opened; is it connected, and may you read it?\n"
-    )
+    command = ["-m", "everplace", "localize", unchanged_summer_map, "/dev/video97"]
+    process = ForkedProcess(*command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    out, err = process.communicate()
+    assert (process.returncode, out) == (2, "")
+    assert err == ("everplace: the camera /dev/video97 cannot be opened; is it connected, and may you read it?\n")
 
 
 def test_a_reader_that_stops_reading_is_no_fault(unchanged_summer_map: Path, unchanged_rendered_route: Path) -> None:
-    command = [
-        sys.executable, "-m", "everplace", "localize", str(unchanged_summer_map),
-        str(unchanged_rendered_route / "summer"), "--json-lines",
-    ]  # fmt: skip
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    command = ["-m", "everplace", "localize", unchanged_summer_map, unchanged_rendered_route / "summer", "--json-lines"]
+    with ForkedProcess(*command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         first = process.stdout.readline()

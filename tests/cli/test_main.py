@@ -8,7 +8,6 @@ import io
 import json
 import os
 import re
-import resource
 import shutil
 import signal
 import subprocess
@@ -16,10 +15,12 @@ import sys
 import time
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from tests.forked import ForkedProcess
 
 from everplace.cli import main
 
@@ -33,20 +34,27 @@ SAD = ["--method", "sad", "--query", "summer", "--database", "winter"]
 EXCLUSIVE = "--epochs and --minutes exclude each other; give one of them"
 
 
-def run(*arguments: str | Path, limit_file_size: int | None = None) -> subprocess.CompletedProcess[str]:
-    def limit() -> None:
-        if limit_file_size is not None:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (limit_file_size, limit_file_size))
-            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+LIMITED = """
+import resource, signal, sys
+from everplace.cli import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]),) * 2)
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+sys.exit(main.run(sys.argv[2:]))
+"""
 
-    return subprocess.run(
-        [sys.executable, "-m", "everplace.cli.main", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-        preexec_fn=limit,
-        env={**os.environ, "OMP_NUM_THREADS": "1", "NO_COLOR": "1", "TERM": "dumb", "COLUMNS": "200"},
-    )
+
+def run(*arguments: str | Path, limit_file_size: int | None = None, fresh: bool = False) -> tuple[int, str, str]:
+    """Runs a command in a process of its own, a fresh interpreter where that matters: status, stdout, stderr."""
+    command = ["-m", "everplace.cli.main"] if limit_file_size is None else ["-c", LIMITED, str(limit_file_size)]
+    environment = {**os.environ, "NO_COLOR": "1", "TERM": "dumb", "COLUMNS": "200"}
+    options: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": environment}
+    with (
+        subprocess.Popen([sys.executable, *command, *map(str, arguments)], text=True, **options)
+        if fresh
+        else ForkedProcess(*command, *arguments, **options)
+    ) as process:
+        out, err = process.communicate()
+    return process.returncode, out, err
 
 
 def call(*arguments: str | Path) -> tuple[int, str, str]:
@@ -543,9 +551,9 @@ def test_ctrl_c_says_what_is_kept_only_where_something_is(
     (waits / "config.toml").touch()
     os.mkfifo(waits / "checkpoint.json")  # the command waits for what comes out of it
     filled = [argument.format(route=tiny_route, run=waits) for argument in arguments]
-    command = [sys.executable, "-m", "everplace.cli.main", *filled, "--out", str(tmp_path / "out")]
+    command = ["-m", "everplace.cli.main", *filled, "--out", tmp_path / "out"]
     opened = None
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    with ForkedProcess(*command, stderr=subprocess.PIPE) as process:
         try:
             deadline = time.monotonic() + 60
             while opened is None:
@@ -573,10 +581,10 @@ def _interrupted(process: subprocess.Popen[str]) -> str:
 
 
 def test_a_full_disk_leaves_nothing_behind(tiny_route: Path, tmp_path: Path) -> None:
-    done = run("describe", "hog", tiny_route / "summer", "--out", tmp_path / "x.h5", limit_file_size=4096)
-    assert done.returncode == 1
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert "x.h5" in done.stderr
+    status, _, err = run("describe", "hog", tiny_route / "summer", "--out", tmp_path / "x.h5", limit_file_size=4096)
+    assert status == 1
+    assert len(err.strip().splitlines()) == 1
+    assert "x.h5" in err
     assert [path.name for path in tmp_path.iterdir() if path != tiny_route] == []
 
 
@@ -584,31 +592,28 @@ def test_a_full_disk_leaves_nothing_behind(tiny_route: Path, tmp_path: Path) -> 
 def test_in_processes_of_their_own_the_commands_write_one_json_document(way: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
     model: list[str | Path] = ["--model", "cp-vae", "--config", way / "small.toml", "--image-size", "32", "64"]
-    trained = run("train", way / "route", *model, "--frames", ":40", "--epochs", "2", "--out", out, "--json")
-    assert trained.returncode == 0, trained.stderr
+    status, told, err = run(
+        "train", way / "route", *model, "--frames", ":40", "--epochs", "2", "--out", out, "--json", fresh=True
+    )
+    assert status == 0, err
     expected = json.loads((way / "train.json").read_text())
-    measured = {"run": str(out), "seconds": json.loads(trained.stdout)["seconds"]}
-    assert json.loads(trained.stdout) == expected | measured
+    measured = {"run": str(out), "seconds": json.loads(told)["seconds"]}
+    assert json.loads(told) == expected | measured
     pair = ["--database", "summer", "--query", "winter", "--frames", "40:", "--json"]
-    tested = run("evaluate", way / "route", "--method", out, *pair, "--out", tmp_path / "result")
-    assert (tested.returncode, tested.stderr) == (0, "")
-    metrics = json.loads(tested.stdout)
+    status, told, err = run("evaluate", way / "route", "--method", out, *pair, "--out", tmp_path / "result", fresh=True)
+    assert (status, err) == (0, "")
+    metrics = json.loads(told)
     assert metrics == json.loads((tmp_path / "result" / "metrics.json").read_text())
     assert metrics["trained_places_tested"] == 0
 
 
 @pytest.mark.slow
 def test_ctrl_c_ends_with_130_and_the_run_can_go_on(tmp_path: Path) -> None:
-    assert run("data", "render", "--out", tmp_path / "route", "--places", "60", "--image-size", "32", "32",
-               "--conditions", "summer,winter").returncode == 0  # fmt: skip
+    assert call("data", "render", "--out", tmp_path / "route", "--places", "60", "--image-size", "32", "32",
+                "--conditions", "summer,winter")[0] == 0  # fmt: skip
     command = ["train", str(tmp_path / "route"), "--model", "vae", "--image-size", "32", "32", "--epochs", "100000",
                "--save-every", "0", "--out", str(tmp_path / "run")]  # fmt: skip
-    process = subprocess.Popen(
-        [sys.executable, "-m", "everplace.cli.main", *command],
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-    )
+    process = ForkedProcess("-m", "everplace.cli.main", *command, stderr=subprocess.PIPE)
     deadline = time.monotonic() + 60
     while not (tmp_path / "run" / "resume" / "state.json").exists():
         assert process.poll() is None

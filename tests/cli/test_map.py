@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.cli.test_main import call, refused
+from tests.cli.test_main import call, refused, run
 from tests.mapping.drives import copied, images_of, write_video
 
 
@@ -135,16 +133,10 @@ def test_damage_is_told_with_the_status_of_bad_input(summer_map: Path) -> None:
 
 
 def test_a_full_disk_is_the_machines_fault(summer_map: Path, unchanged_rendered_route: Path) -> None:
-    code = (
-        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000)); "
-        "from everplace.cli.main import run; sys.exit(run(sys.argv[1:]))"
-    )
     drive = unchanged_rendered_route / "autumn"
-    command = [sys.executable, "-c", code, "map", "add", str(summer_map), "--drive", str(drive), "--no-learn"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr == (
+    status, out, err = run("map", "add", summer_map, "--drive", drive, "--no-learn", limit_file_size=50_000)
+    assert (status, out) == (1, "")
+    assert err == (
         f"everplace: cannot write the map {summer_map}: File too large (os error 27); "
         "free space or check the permissions\n"
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.describe.test_describer import MeanColour, Undecided, drive_of
+from tests.forked import ForkedProcess
 from tests.importing.sources.test_video import write_video
 
 from everplace.choices import DescriptorFormat
@@ -108,10 +108,10 @@ except StorageError as error:
 def test_a_full_disk_is_one_error_at_once_and_leaves_nothing(tmp_path: Path, layout: DescriptorFormat) -> None:
     drive = drive_of(tmp_path / "drive", range(60))
     out = tmp_path / "out" / "a.h5"
-    command = [sys.executable, "-c", FULL, str(drive.root), str(out), layout]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[2])
-    assert (done.returncode, done.stderr) == (0, "")
-    said, described = done.stdout.splitlines()
+    process = ForkedProcess("-c", FULL, drive.root, out, layout, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    told, err = process.communicate()
+    assert (process.returncode, err) == (0, "")
+    said, described = told.splitlines()
     assert said.startswith(f"cannot write {out}: File too large")
     assert int(described) < 20  # of 60: 2 MB hold 5
     assert list(out.parent.iterdir()) == []

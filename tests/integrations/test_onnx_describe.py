@@ -41,34 +41,49 @@ def run_alone(tmp_path: Path, *arguments: str | Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
+@pytest.fixture(scope="module")
+def run(unchanged_tiny_route: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An adapted run; nobody may change it."""
+    path = tmp_path_factory.mktemp("adapted") / "run"
+    adapt("hog16", open_route(unchanged_tiny_route), path, dimensions=8, prior="none")
+    return path
+
+
+@pytest.fixture(scope="module")
+def network(run: Path, unchanged_tiny_route: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its ONNX network; nobody may change it."""
+    path = tmp_path_factory.mktemp("exported") / "net.onnx"
+    export_run(run, path, route=open_route(unchanged_tiny_route))
+    return path
+
+
 @pytest.mark.parametrize("int8", [False, True])
-def test_it_describes_as_everplace_does(tmp_path: Path, tiny_route: Path, int8: bool) -> None:
-    adapt("hog16", open_route(tiny_route), tmp_path / "run", dimensions=8, prior="none")
-    export_run(tmp_path / "run", tmp_path / "net.onnx", int8=int8, route=open_route(tiny_route))
+def test_it_describes_as_everplace_does(run: Path, network: Path, tmp_path: Path, tiny_route: Path, int8: bool) -> None:
+    if int8:
+        network = tmp_path / "net.onnx"
+        export_run(run, network, int8=True, route=open_route(tiny_route))
     winter = open_route(tiny_route)["winter"]
-    answers = run_alone(tmp_path, tmp_path / "net.onnx", *winter.paths)
+    answers = run_alone(tmp_path, network, *winter.paths)
     assert [answer["image"] for answer in answers] == list(map(str, winter.paths))
     theirs = np.array([answer["descriptor"] for answer in answers])
-    ours = open_describer(f"onnx:{tmp_path / 'net.onnx'}").describe(winter).values
+    ours = open_describer(f"onnx:{network}").describe(winter).values
     np.testing.assert_allclose(theirs, ours, atol=1e-3 if not int8 else 0.2)
     if not int8:
-        np.testing.assert_allclose(theirs, open_describer(str(tmp_path / "run")).describe(winter).values, atol=1e-3)
+        np.testing.assert_allclose(theirs, open_describer(str(run)).describe(winter).values, atol=1e-3)
 
 
-def test_a_picture_that_lies_on_its_side_is_turned_and_one_of_16_bits_refused(tmp_path: Path, tiny_route: Path) -> None:
-    adapt("hog16", open_route(tiny_route), tmp_path / "run", dimensions=8, prior="none")
-    export_run(tmp_path / "run", tmp_path / "net.onnx")
+def test_a_picture_that_lies_on_its_side_is_turned_and_one_of_16_bits_refused(network: Path, tmp_path: Path) -> None:
     (tmp_path / "drive").mkdir()
     exif = Image.Exif()
     exif[0x0112] = 6
     pixels = np.random.default_rng(0).integers(0, 256, (12, 20, 3), dtype=np.uint8)
     Image.fromarray(pixels).resize((200, 120)).save(tmp_path / "drive" / "1.jpg", quality=95, exif=exif)
-    (answer,) = run_alone(tmp_path, tmp_path / "net.onnx", tmp_path / "drive" / "1.jpg")
-    ours = open_describer(f"onnx:{tmp_path / 'net.onnx'}").describe(open_traverse(tmp_path / "drive")).values
+    (answer,) = run_alone(tmp_path, network, tmp_path / "drive" / "1.jpg")
+    ours = open_describer(f"onnx:{network}").describe(open_traverse(tmp_path / "drive")).values
     np.testing.assert_allclose(answer["descriptor"], ours[0], atol=0.02)
     Image.fromarray(np.arange(240, dtype=np.uint16).reshape(12, 20) * 200).save(tmp_path / "deep.png")
     done = subprocess.run(
-        [sys.executable, str(SCRIPT), str(tmp_path / "net.onnx"), str(tmp_path / "deep.png")],
+        [sys.executable, str(SCRIPT), str(network), str(tmp_path / "deep.png")],
         capture_output=True,
         text=True,
     )
@@ -77,12 +92,10 @@ def test_a_picture_that_lies_on_its_side_is_turned_and_one_of_16_bits_refused(tm
 
 
 def test_a_network_of_no_version_of_the_map_is_refused(
-    unchanged_summer_map: Path, unchanged_rendered_route: Path, tmp_path: Path, tiny_route: Path
+    network: Path, unchanged_summer_map: Path, unchanged_rendered_route: Path
 ) -> None:
-    adapt("hog16", open_route(tiny_route), tmp_path / "run", dimensions=8, prior="none")
-    export_run(tmp_path / "run", tmp_path / "net.onnx")
     image = unchanged_rendered_route / "winter" / "00003.png"
-    command = [sys.executable, str(SCRIPT), str(tmp_path / "net.onnx"), str(image), "--map", str(unchanged_summer_map)]
+    command = [sys.executable, str(SCRIPT), str(network), str(image), "--map", str(unchanged_summer_map)]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 2
     assert "was not exported from a version of" in done.stderr

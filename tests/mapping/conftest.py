@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.conftest import MadeOnce
 
 from everplace.render.render_config import render_config
 from everplace.render.rendered_route import render_route
@@ -13,9 +14,7 @@ PLACES = 120
 
 
 @pytest.fixture(scope="session")
-def rendered_route(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def rendered_route(made_once: MadeOnce) -> Path:
     """120 places in summer and winter; nobody may change it."""
-    out = tmp_path_factory.mktemp("rendered") / "route"
     world = {"places": PLACES, "size": (32, 64), "conditions": ("summer", "winter"), "seed": 3}
-    render_route(out, render_config(world))
-    return out
+    return made_once("route", lambda path: render_route(path, render_config(world)))

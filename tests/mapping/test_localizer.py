@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from tests.forked import ForkedProcess
 from tests.mapping.drives import another_camera, images_of
 
 from everplace.errors import EverplaceError, MapError
@@ -176,10 +176,10 @@ def test_its_state_goes_on_in_another_process(
         localizer.locate(image)
     np.save(tmp_path / "state.npy", localizer.state())
     wanted = [repr(localizer.locate(image)) for image in images[12:17]]
-    command = [sys.executable, "-c", OTHER, str(unchanged_three_map), str(drive), str(tmp_path / "state.npy")]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[2])
-    assert done.stderr == ""
-    assert done.stdout.splitlines() == wanted
+    command = ["-c", OTHER, unchanged_three_map, drive, tmp_path / "state.npy"]
+    out, err = ForkedProcess(*command, stdout=subprocess.PIPE, stderr=subprocess.PIPE).communicate()
+    assert err == ""
+    assert out.splitlines() == wanted
 
 
 def test_a_state_of_another_map_is_refused(unchanged_three_map: Path, tmp_path: Path) -> None:

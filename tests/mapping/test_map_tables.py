@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.forked import ForkedProcess
 
 from everplace.errors import MapError, StorageError
 from everplace.mapping.image_statistics import STATISTICS
@@ -220,10 +220,9 @@ for write in (
 
 
 def test_a_full_disk_is_one_sentence_and_changes_nothing(two: MapTables) -> None:
-    root = Path(__file__).parents[2]
-    done = subprocess.run([sys.executable, "-c", FULL, two.address], capture_output=True, text=True, cwd=root)
-    assert done.stderr == ""
-    lines = done.stdout.splitlines()
+    out, err = ForkedProcess("-c", FULL, two.address, stdout=subprocess.PIPE, stderr=subprocess.PIPE).communicate()
+    assert err == ""
+    lines = out.splitlines()
     reason = "File too large (os error 27); free space or check the permissions"
     assert lines == [f"cannot write the map {two.address}: {reason}"] * 2
     fresh = MapTables(two.address)

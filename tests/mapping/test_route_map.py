@@ -7,7 +7,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.forked import ForkedProcess
 from tests.importing.sources.test_bag import FIX, IMAGE, Row, write_bag
 from tests.mapping.drives import another_camera, copied, images_of, write_drive, write_video
 
@@ -550,9 +550,8 @@ print("done", m.version, flush=True)
 
 
 def child(code: str, *arguments: str | Path) -> subprocess.Popen[str]:
-    command = [sys.executable, "-c", code, *map(str, arguments)]
-    process = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    process = ForkedProcess(
+        "-c", code, *arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
@@ -595,6 +594,7 @@ def test_two_writers_take_turns_and_readers_see_whole_versions(
         counts = len(m.frames()), len(m.descriptors()), 60 * len(m.drives)
         assert len(set(counts)) == 1, counts
         seen.add(counts[0])
+        time.sleep(0.05)  # or the writers would get no more of the processor than the reader
     for writer in writers:
         out, err = writer.communicate()
         assert (out.split()[0], err) == ("done", "")
@@ -657,10 +657,11 @@ def test_a_full_disk_is_one_sentence_and_changes_nothing(
     summer_map: Path, unchanged_rendered_route: Path, tmp_path: Path
 ) -> None:
     for what, place, name in (("create", tmp_path / "new", "summer"), ("add", summer_map, "autumn")):
-        command = [sys.executable, "-c", FULL, what, str(place), str(unchanged_rendered_route / name)]
-        done = subprocess.run(command, capture_output=True, text=True)
-        assert done.stderr == ""
-        assert done.stdout == (
+        drive = unchanged_rendered_route / name
+        process = ForkedProcess("-c", FULL, what, place, drive, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        out, err = process.communicate()
+        assert err == ""
+        assert out == (
             f"cannot write the map {place}: File too large (os error 27); free space or check the permissions\n"
         )
     assert not (tmp_path / "new").exists()

@@ -7,12 +7,12 @@ import os
 import re
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
+from tests.forked import ForkedProcess
 
 _WITH_LIMITS = """
 import sys
@@ -48,11 +48,11 @@ class RunningService:
 @contextlib.contextmanager
 def running(address: Path, *options: str, token: str = "", **limits: float) -> Iterator[RunningService]:
     """A service of a map; with limits of its own, or with options of the command."""
-    command = [sys.executable, "-m", "everplace", "serve", str(address), "--port", "0", *options]
+    command = ["-m", "everplace", "serve", address, "--port", "0", *options]
     if limits:
-        command = [sys.executable, "-c", _WITH_LIMITS.format(limits=limits), str(address)]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "EVERPLACE_TOKEN": token}
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+        command = ["-c", _WITH_LIMITS.format(limits=limits), address]
+    environment = {**os.environ, "EVERPLACE_TOKEN": token}
+    process = ForkedProcess(*command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment)
     assert process.stdout is not None
     assert process.stderr is not None
     try:

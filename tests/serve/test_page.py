@@ -21,25 +21,10 @@ from everplace.mapping.route_map import Map
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page, Position, Response
 
-CHROMIUM = Path("/usr/bin/chromium")
 DRIVE = 14
 """Frames of the played drives: longer than the filter looks back."""
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'everplace[dev]'")
-    if not CHROMIUM.exists():
-        pytest.skip(f"{CHROMIUM} is not there: install the chromium package")
-    with api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(
-            executable_path=str(CHROMIUM),
-            args=["--no-sandbox", "--disable-gpu", "--disable-background-networking"],
-        )
-        yield started
-        started.close()
 
 
 @dataclass

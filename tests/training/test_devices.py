@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from tests.forked import ForkedProcess
 
 from everplace.errors import ConfigError
 from everplace.model.checkpoint import load_checkpoint
@@ -175,30 +176,34 @@ def test_each_task_of_a_cluster_job_may_train_a_run_of_its_own(route_path: Path,
     settings.write_text(
         "words = 8\nsmallest_side = 64\n" if model == "fabmap" else "batch_size = 8\nheld_out_gap = 2\n"
     )
-    command = [sys.executable, "-m", "everplace.cli.main", "train", str(route_path), "--model", model]
+    command = ["-m", "everplace.cli.main", "train", str(route_path), "--model", model]
     command += ["--image-size", "32", "32", "--config", str(settings), "--out", str(tmp_path / "run"), "--json"]
     command += [] if model == "fabmap" else ["--epochs", "1"]
-    environment = {**os.environ, "SLURM_NTASKS": "4", "SLURM_PROCID": "1", "SLURM_LOCALID": "1", "OMP_NUM_THREADS": "1"}
-    first, again = (
-        subprocess.run(command, env=environment, capture_output=True, text=True, timeout=180, check=False)
-        for _ in range(2)
-    )
-    assert first.returncode == 0, first.stderr
-    assert json.loads(first.stdout)["run"] == str(tmp_path / "run")
+    environment = {**os.environ, "SLURM_NTASKS": "4", "SLURM_PROCID": "1", "SLURM_LOCALID": "1"}
+
+    def trained() -> tuple[int, str, str]:
+        process = ForkedProcess(*command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        out, err = process.communicate(timeout=180)
+        return process.returncode, out, err
+
+    status, out, err = trained()
+    assert status == 0, err
+    assert json.loads(out)["run"] == str(tmp_path / "run")
     assert (tmp_path / "run" / "config.toml").is_file()
     if model == "vae" and find_spec("tensorboard") is not None:
         assert (tmp_path / "run" / "tensorboard").is_dir()
-    assert again.returncode == 2
-    assert "already holds a run" in again.stderr
+    status, _, err = trained()
+    assert status == 2
+    assert "already holds a run" in err
 
 
 @pytest.mark.slow
 def test_ctrl_c_ends_the_wait_for_other_machines(route_path: Path, tmp_path: Path) -> None:
     settings = tmp_path / "settings.toml"
     settings.write_text("batch_size = 8\nheld_out_gap = 2\nepochs = 1")
-    command = [sys.executable, "-m", "everplace", "train", str(route_path), "--model", "vae", "--nodes", "2"]
+    command = ["-m", "everplace", "train", str(route_path), "--model", "vae", "--nodes", "2"]
     command += ["--image-size", "32", "32", "--config", str(settings), "--out", str(tmp_path / "run")]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    with ForkedProcess(*command, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
         try:
             said = process.stderr.readline()

@@ -7,12 +7,11 @@ import os
 import pty
 import re
 import struct
-import subprocess
-import sys
 import termios
 import threading
 
 import pytest
+from tests.forked import ForkedProcess
 
 SHOWN = """
 import time
@@ -48,8 +47,8 @@ def seen_at(columns: int) -> str:
 
     reader = threading.Thread(target=drain)
     reader.start()
-    command = [sys.executable, "-c", SHOWN]
-    subprocess.run(command, stderr=theirs, check=True, env={**kept, "TERM": "xterm"}, timeout=60)
+    process = ForkedProcess("-c", SHOWN, stderr=theirs, env={**kept, "TERM": "xterm"})
+    assert process.wait(60) == 0
     os.close(theirs)
     reader.join(timeout=10)
     os.close(ours)

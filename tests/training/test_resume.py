@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import multiprocessing
-import os
 import signal
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.forked import ForkedProcess
 
 from everplace.model.checkpoint import load_checkpoint
 from everplace.route.route import Route
@@ -139,11 +139,7 @@ except KeyboardInterrupt:
 @pytest.mark.slow
 def test_ctrl_c_is_a_keyboard_interrupt_and_leaves_nothing_half_written(route_path: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    process = subprocess.Popen(
-        [sys.executable, "-c", _INTERRUPTED, route_path, out],
-        env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    process = ForkedProcess("-c", _INTERRUPTED, route_path, out, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     end = time.monotonic() + _PATIENCE
     while not rows(out):
         assert process.poll() is None, process.communicate()

@@ -11,6 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from tests.forked import ForkedProcess
 
 from everplace.describe.files.descriptors import Descriptors, load_descriptors
 from everplace.errors import DescriptorsError, StorageError
@@ -387,8 +388,8 @@ for limit in (0, 1, 500, 2000, 8192, 40_000):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the size of files")
 def test_a_disk_that_fills_is_told_and_nothing_is_left(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", FULL_DISK, str(tmp_path / "d.h5")]
-    told = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (told.returncode, told.stderr) == (0, "")
-    assert told.stdout.count("cannot write") == len(told.stdout.splitlines()) == 12
+    process = ForkedProcess("-c", FULL_DISK, tmp_path / "d.h5", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    out, err = process.communicate()
+    assert (process.returncode, err) == (0, "")
+    assert out.count("cannot write") == len(out.splitlines()) == 12
     assert list(tmp_path.iterdir()) == []
