@@ -110,7 +110,8 @@ class Localizer:
         """
         if precision is None or self.provisional:
             return precision or 0.0
-        least, _ = threshold_for(precision, *self.map.held_out_answers)
+        held_out = self.map.held_out_answers
+        least, _ = threshold_for(precision, held_out.probability, held_out.right)
         if not np.isfinite(least):
             raise MapError(
                 f"answers of this map are never so sure that {precision:.1%} are right; give a lower `precision`"

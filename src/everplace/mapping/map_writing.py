@@ -65,8 +65,7 @@ def commit_learnt(
         kept |= {
             "weight": learnt.projection.weight.astype(np.float32),
             "bias": learnt.projection.bias.astype(np.float32),
-            "held_out.probability": learnt.probability,
-            "held_out.right": learnt.right.astype(np.uint8),
+            **learnt.held_out.to_arrays(),
         }
         new |= {"calibration": learnt.calibration.to_dict(), "learnt": learnt.known}
     projection = Projection(kept["weight"].astype(np.float64), kept["bias"].astype(np.float64))

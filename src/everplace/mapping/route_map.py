@@ -24,6 +24,7 @@ from everplace.mapping.calibration import Calibration
 from everplace.mapping.condition_model import ConditionModel
 from everplace.mapping.described_drive import DescribedDrive, describe_drive
 from everplace.mapping.drive_source import open_drive
+from everplace.mapping.held_out_answers import HeldOutAnswers
 from everplace.mapping.map_learning import light_arrays
 from everplace.mapping.map_tables import MapState, MapTables, Thumbnails, as_matrix
 from everplace.mapping.map_writing import commit_learnt, drive_rows, one_writer, require_free, with_poses
@@ -214,10 +215,9 @@ class Map:
         return Projection(arrays["weight"].astype(np.float64), arrays["bias"].astype(np.float64))
 
     @property
-    def held_out_answers(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Probability of the best match of frames of the map that were held out, and whether it was right."""
-        arrays = self._state.arrays
-        return arrays["held_out.probability"], arrays["held_out.right"].astype(np.bool_)
+    def held_out_answers(self) -> HeldOutAnswers:
+        """What it answered to its own frames while they were held out."""
+        return HeldOutAnswers.from_arrays(self._state.arrays)
 
     @property
     def condition_model(self) -> ConditionModel:
