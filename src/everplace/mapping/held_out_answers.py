@@ -72,7 +72,7 @@ def follows_none(rows: NDArray[np.int64], drives: NDArray[np.int64]) -> NDArray[
     Returns:
         (M,).
     """
-    apart = (np.diff(rows, prepend=rows[:1]) > STRETCH) | (np.diff(drives, prepend=drives[:1]) != 0)
+    apart: NDArray[np.bool_] = (np.diff(rows, prepend=rows[:1]) > STRETCH) | (np.diff(drives, prepend=drives[:1]) != 0)
     apart[:1] = True
     return apart
 
