@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -20,7 +21,7 @@ from tests.importing.sources.test_bag import FIX, IMAGE, Row, write_bag
 from tests.mapping.drives import another_camera, copied, images_of, write_drive, write_video
 
 import everplace as ep
-from everplace.errors import ConfigError, EverplaceError, MapError
+from everplace.errors import ConfigError, EverplaceError, ImageError, MapError, StoppedError, StorageError
 from everplace.locking import locked
 from everplace.mapping import route_map
 from everplace.mapping.placement import Align
@@ -79,6 +80,51 @@ def test_a_page_of_what_nobody_looked_at_is_refused(summer_map: Path, tmp_path: 
     with pytest.raises(ConfigError, match="`report` .*file is a file; name a directory"):
         Map.open(summer_map).add(summer_map, report=tmp_path / "file")
     assert Map.open(summer_map).version == 1
+    assert not (tmp_path / "page").exists()
+
+
+def test_a_page_that_cannot_be_written_is_told_before_anything_is_added(
+    summer_map: Path, unchanged_rendered_route: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "file").touch()
+    for place in ("/proc/none/page", "/sys/page", tmp_path / "file" / "page"):
+        with pytest.raises(StorageError, match="cannot write .*page: .*; free space or choose another place"):
+            Map.open(summer_map).add(unchanged_rendered_route / "autumn", report=place, learn=False)
+        assert Map.open(summer_map).version == 1
+    with pytest.raises(MapError, match="holds a drive 'summer' already"):
+        Map.open(summer_map).add(unchanged_rendered_route / "summer", report=tmp_path / "deep" / "page")
+    assert not (tmp_path / "deep").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("failure", "kind", "told"),
+    [
+        (StorageError("cannot write page: the disk"), StorageError, ": cannot write page: the disk"),
+        (ImageError("00001 cannot be decoded"), StorageError, ": 00001 cannot be decoded"),
+        (OSError(errno.ENOSPC, "full"), StorageError, ": cannot write .*page: No space left on device; .*"),
+        (KeyboardInterrupt(), StoppedError, ""),
+    ],
+    ids=["storage", "image", "system", "Ctrl-C"],
+)
+def test_a_page_that_fails_says_that_the_drive_is_added(
+    summer_map: Path,
+    unchanged_rendered_route: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    failure: BaseException,
+    kind: type[Exception],
+    told: str,
+) -> None:
+    def fail(*_: object) -> None:
+        raise failure
+
+    monkeypatch.setattr(route_map, "write_teaching_report", fail)
+    drive = unchanged_rendered_route / "autumn"
+    sentence = rf"the drive 'autumn' is added \(version 2\), only its report is missing{told}$"
+    with pytest.raises(kind, match=sentence):
+        Map.open(summer_map).add(drive, report=tmp_path / "page", learn=False)
+    assert Map.open(summer_map).drives == ("summer", "autumn")
     assert not (tmp_path / "page").exists()
 
 

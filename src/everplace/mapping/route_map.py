@@ -17,7 +17,7 @@ from everplace.describe.describer import Describer
 from everplace.describe.reduced import reduced, unreduced
 from everplace.describe.registry import open_describer
 from everplace.describe.runs.adapted import AdaptedDescriber
-from everplace.errors import ConfigError, MapError
+from everplace.errors import ConfigError, EverplaceError, MapError, StoppedError, StorageError
 from everplace.files import filled_directory, readable
 from everplace.images.decoding import ImageSpec, decode_encoded
 from everplace.mapping.calibration import Calibration
@@ -310,11 +310,16 @@ class Map:
             MapError: A drive of this name is in the map, or poses are missing.
             RouteError: The drive holds no frame.
             ConfigError: `report` is asked for where the images are not looked at.
+            StorageError: `report` cannot be written: before the drive is added, or else the message says that it is.
+            StoppedError: Ctrl-C, when the drive was added.
         """
         if report is not None and align in ("names", "poses"):
             raise ConfigError(f"`report` shows what the images say, which `align` {align} does not ask; leave one out")
         if report is not None and Path(report).exists() and not Path(report).is_dir():
             raise ConfigError(f"`report` {readable(report)} is a file; name a directory")
+        if report is not None:
+            with filled_directory(Path(report)):  # before anything is added
+                pass
         with one_writer(self.address):
             state = self._tables.newest()
             self._tables.revert(state)
@@ -340,9 +345,7 @@ class Map:
             frames = self._tables.add_frames(drive_rows(name, described, placement))
             self._state = commit_learnt(self._tables, state, document, state.arrays, frames, progress, learns=learn)
         if report is not None and shown_drive is not None:
-            told = {"map": readable(self.address), "version": str(self.version), "method": self.method}
-            with filled_directory(Path(report)) as directory:
-                write_teaching_report(directory, "the map", [shown_drive], {**told, **(details or {})})
+            self._write_report(Path(report), shown_drive, details or {})
         return AddedDrive(
             name,
             len(described),
@@ -478,6 +481,18 @@ class Map:
             lambda frame: decode_encoded(described.stems[frame], described.thumbnails[frame], ImageSpec()),
             lambda place: decode_encoded(stems[place], there["thumbnail"][place].as_py(), ImageSpec()),
         )
+
+    def _write_report(self, report: Path, drive: ShownDrive, details: Mapping[str, str]) -> None:
+        """Writes the page of a drive that is on the map by now, whatever becomes of its page."""
+        told = {"map": readable(self.address), "version": str(self.version), "method": self.method, **details}
+        added = f"the drive {drive.drive.name!r} is added (version {self.version})"
+        try:
+            with filled_directory(report) as directory:
+                write_teaching_report(directory, "the map", [drive], told)
+        except KeyboardInterrupt:
+            raise StoppedError(f"stopped; {added}, only its report is missing") from None
+        except (EverplaceError, OSError) as error:
+            raise StorageError(f"{added}, only its report is missing: {error}") from error
 
     def _scores(
         self, described: DescribedDrive, order: PlaceFrames, drives: list[str]
