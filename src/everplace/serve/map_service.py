@@ -18,8 +18,8 @@ from everplace.images.decoding import BROKEN_IMAGE_ERRORS, ImageSpec, decode_enc
 from everplace.images.formats import image_size
 from everplace.mapping.localizer import Localizer
 from everplace.mapping.map_answer import Observation
-from everplace.mapping.map_tables import Thumbnails
 from everplace.mapping.route_map import Map
+from everplace.mapping.thumbnails import Thumbnails
 from everplace.serve.drive_sessions import DriveSessions
 from everplace.serve.map_summary import binned_most, map_summary, places_per_bin
 from everplace.serve.query_translation import QueryTranslation
