@@ -22,7 +22,7 @@ from tests.mapping.drives import another_camera, copied, images_of, write_drive,
 import everplace as ep
 from everplace.errors import ConfigError, EverplaceError, ImageError, MapError, StoppedError, StorageError
 from everplace.locking import locked
-from everplace.mapping import route_map
+from everplace.mapping import map_writing, route_map
 from everplace.mapping.map_state import MapState
 from everplace.mapping.placement import Align
 from everplace.mapping.route_map import Map
@@ -444,7 +444,7 @@ def test_a_creation_that_fails_leaves_nothing(
 
     drive = ep.open_route(unchanged_rendered_route)["summer"][:6]
     with monkeypatch.context() as patch:
-        patch.setattr(route_map, where, stop)
+        patch.setattr(map_writing, where, stop)
         with pytest.raises(KeyboardInterrupt):
             Map.create(tmp_path / "map", drive, method="hog16")
     assert list(tmp_path.iterdir()) == []
