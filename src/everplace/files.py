@@ -225,7 +225,7 @@ def filled_directory(path: Path) -> Iterator[Path]:
     Raises:
         StorageError: The disk is full or the place cannot be written to.
     """
-    made = not path.exists()
+    made = [one for one in (path, *path.parents) if not one.exists()]
     temporary = path / f".files.{temporary_token()}.part"
     try:
         try:
@@ -236,9 +236,9 @@ def filled_directory(path: Path) -> Iterator[Path]:
                 file.replace(path / file.name)
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
-            if made:
-                with contextlib.suppress(OSError):
-                    path.rmdir()  # where nothing came into it
+            with contextlib.suppress(OSError):
+                for one in made:
+                    one.rmdir()  # where nothing came into it
     except OSError as error:
         if _is_of_another(error, temporary):
             raise

@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import json
+import signal
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -163,3 +165,100 @@ def test_a_reader_that_stops_reading_is_no_fault(unchanged_summer_map: Path, unc
         process.stdout.close()
         assert "Traceback" not in process.stderr.read()
     assert json.loads(first)["frame"] == "00000"
+
+
+CAMERA = """
+import itertools, sys
+from pathlib import Path
+import cv2
+import numpy as np
+
+class Camera:
+    # What cv2.VideoCapture is where no camera can be plugged in: one that shows a drive again and again.
+    def __init__(self, source):
+        files = sorted(Path(DRIVE).glob("*.*g"))
+        self.frames = itertools.cycle([cv2.imread(str(path)) for path in files])
+        self.count = 0
+    def isOpened(self):
+        return True
+    def read(self):
+        if self.count == WAITS_AT:
+            print("waiting", file=sys.stderr, flush=True)
+            while True:
+                pass
+        self.count += 1
+        return True, next(self.frames)
+    def release(self):
+        pass
+
+cv2.VideoCapture = Camera
+DRIVE = sys.argv.pop(1)
+from everplace.__main__ import main
+main()
+"""
+
+
+def interrupted(drive: Path, frames: int, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """Localises so many frames of a camera, and then gives Ctrl-C while it waits for the next one."""
+    code = CAMERA.replace("WAITS_AT", str(frames))
+    command = [sys.executable, "-c", code, str(drive), "localize", *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        before = ""
+        while "waiting\n" not in before and (line := process.stderr.readline()):
+            before += line
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+        return subprocess.CompletedProcess(command, process.returncode, out, before.replace("waiting\n", "") + err)
+
+
+@pytest.mark.parametrize("form", ["csv", "tum", "g2o", "hloc-pairs"])
+def test_what_a_camera_showed_before_ctrl_c_is_kept(
+    unchanged_three_map: Path, unchanged_rendered_route: Path, tmp_path: Path, form: str
+) -> None:
+    out = tmp_path / "file"
+    done = interrupted(
+        unchanged_rendered_route / "winter", 70, unchanged_three_map, "/dev/video0", "--out", out, "--format", form
+    )
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr == f"everplace: stopped; 70 frames localised; they are in {out}\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+    text = out.read_text()
+    assert text.endswith("\n")
+    assert text.count("EDGE_SE2" if form == "g2o" else "\n") == 70 + (form == "csv")
+
+
+def test_what_is_printed_in_the_end_is_printed_at_ctrl_c(
+    unchanged_three_map: Path, unchanged_rendered_route: Path
+) -> None:
+    drive = unchanged_rendered_route / "winter"
+    done = interrupted(drive, 70, unchanged_three_map, "/dev/video0", "--precision", "0.9")
+    sure = list(csv.DictReader(io.StringIO(done.stdout)))
+    assert done.returncode == 130
+    assert f"everplace: stopped; 70 frames localised, {len(sure)} of them with a probability of " in done.stderr
+    assert 40 < len(sure) <= 70
+
+
+def test_a_recording_is_kept_at_ctrl_c(
+    unchanged_three_map: Path, unchanged_rendered_route: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("rerun", reason="needs the extra rerun")
+    from tests.mapping.test_rerun_recording import read
+
+    drive, recording, out = unchanged_rendered_route / "winter", tmp_path / "x.rrd", tmp_path / "x.csv"
+    done = interrupted(
+        drive, 30, unchanged_three_map, "/dev/video0", "--json-lines", "--rerun", recording, "--out", out
+    )
+    assert done.returncode == 130
+    assert done.stderr == f"everplace: stopped; 30 frames localised; they are in {out} and {recording}\n"
+    assert len(done.stdout.splitlines()) == len(read(recording)["query/image"]) == 30
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["x.csv", "x.rrd"]
+
+
+def test_ctrl_c_before_the_first_frame_leaves_nothing(
+    unchanged_three_map: Path, unchanged_rendered_route: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "file"
+    done = interrupted(unchanged_rendered_route / "winter", 0, unchanged_three_map, "/dev/video0", "--out", out)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "everplace: stopped\n")
+    assert list(tmp_path.iterdir()) == []

@@ -59,10 +59,14 @@ def run(*arguments: str | Path, limit_file_size: int | None = None, fresh: bool 
 
 def call(*arguments: str | Path) -> tuple[int, str, str]:
     """The same without a process of its own, which would import torch each time: status, stdout, stderr."""
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+    printed, err = io.BytesIO(), io.StringIO()
+    with (
+        io.TextIOWrapper(printed, "utf-8", newline="", write_through=True) as out,
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
         status = main.run([str(argument) for argument in arguments])
-    return status, out.getvalue(), err.getvalue()
+        return status, printed.getvalue().decode(), err.getvalue()
 
 
 def refused(*arguments: str | Path, status: int = 2) -> str:

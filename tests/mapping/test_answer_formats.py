@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,14 +12,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from everplace.mapping.answer_formats import (
-    COLUMNS,
-    LocatedFrame,
-    csv_text,
-    g2o_text,
-    hloc_pairs_text,
-    tum_text,
-)
+from everplace.errors import StorageError
+from everplace.mapping.answer_formats import COLUMNS, FORMATS, answer_file
 from everplace.mapping.map_answer import MapAnswer
 from everplace.route.traverse import Pose
 
@@ -36,14 +31,23 @@ ANSWER = MapAnswer(
     time=1700000000.125,
 )
 LOCATED = [
-    LocatedFrame('a"b', ANSWER),
-    LocatedFrame("b", replace(ANSWER, place=9, pose=None, time=None)),
-    LocatedFrame("c", replace(ANSWER, pose=Pose(13.5, -3.0, -3.0), time=None)),
+    ('a"b', ANSWER),
+    ("b", replace(ANSWER, place=9, pose=None, time=None)),
+    ("c", replace(ANSWER, pose=Pose(13.5, -3.0, -3.0), time=None)),
 ]
 
 
+def text(form: str, located: list[tuple[str, MapAnswer]]) -> str:
+    """What a file of the format holds."""
+    with tempfile.TemporaryDirectory() as directory:
+        with answer_file(Path(directory, "file"), FORMATS[form]) as answers:
+            for frame, answer in located:
+                answers.add(frame, answer)
+        return Path(directory, "file").read_bytes().decode()
+
+
 def test_csv_is_read_back_by_columns() -> None:
-    rows = list(csv.DictReader(io.StringIO(csv_text(LOCATED))))
+    rows = list(csv.DictReader(io.StringIO(text("csv", LOCATED))))
     assert tuple(rows[0]) == COLUMNS
     assert [row["frame"] for row in rows] == ['a"b', "b", "c"]
     assert rows[0] == {
@@ -54,7 +58,7 @@ def test_csv_is_read_back_by_columns() -> None:
 
 
 def test_tum_is_read_back_as_poses() -> None:
-    table = np.loadtxt(io.StringIO(tum_text(LOCATED)))
+    table = np.loadtxt(io.StringIO(text("tum", LOCATED)))
     np.testing.assert_allclose(table[:, 0], [1700000000.125, 2])
     np.testing.assert_allclose(table[:, 1:4], [[12.5, -3.25, 0], [13.5, -3.0, 0]])
     headings = Rotation.from_quat(table[:, 4:]).as_euler("zyx")[:, 0]
@@ -63,7 +67,7 @@ def test_tum_is_read_back_as_poses() -> None:
 
 def test_g2o_is_read_back_as_a_graph() -> None:
     vertices, edges, fixed = {}, [], set()
-    for line in g2o_text(LOCATED).splitlines():
+    for line in text("g2o", LOCATED).splitlines():
         tag, *rest = line.split()
         if tag == "VERTEX_SE2":
             vertices[int(rest[0])] = tuple(map(float, rest[1:]))
@@ -84,8 +88,8 @@ def test_g2o_is_read_back_as_a_graph() -> None:
 
 
 def test_pairs_for_hloc_name_two_images(tmp_path: Path) -> None:
-    one = [LocatedFrame("w1.png", replace(ANSWER, drive="summer"))]
-    (tmp_path / "pairs.txt").write_text(hloc_pairs_text(one))
+    with answer_file(tmp_path / "pairs.txt", FORMATS["hloc-pairs"]) as answers:
+        answers.add("w1.png", replace(ANSWER, drive="summer"))
     found: dict[str, list[str]] = {}
     for line in (tmp_path / "pairs.txt").read_text().rstrip("\n").split("\n"):  # as hloc's parse_retrieval reads it
         query, database = line.split()
@@ -93,8 +97,41 @@ def test_pairs_for_hloc_name_two_images(tmp_path: Path) -> None:
     assert found == {"w1.png": ["summer/00007"]}
 
 
-@pytest.mark.parametrize("write", [tum_text, g2o_text, hloc_pairs_text])
-def test_without_frames_there_is_nothing(write: object) -> None:
-    assert callable(write)
-    assert write([]) == ""
-    assert csv_text([]).splitlines() == [",".join(COLUMNS)]
+@pytest.mark.parametrize("form", ["tum", "g2o", "hloc-pairs"])
+def test_without_frames_there_is_nothing(form: str) -> None:
+    assert text(form, []) == ""
+    assert text("csv", []).splitlines() == [",".join(COLUMNS)]
+
+
+@pytest.mark.parametrize("form", list(FORMATS))
+def test_rows_leave_memory_as_they_come(tmp_path: Path, form: str) -> None:
+    with answer_file(tmp_path / "file", FORMATS[form]) as answers:
+        for number in range(1000):
+            answers.add(str(number), ANSWER)
+        (part,) = tmp_path.iterdir()
+        assert part.name != "file"
+        assert part.stat().st_size > 10_000
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("form", list(FORMATS))
+def test_half_a_row_is_cut_off(tmp_path: Path, form: str) -> None:
+    with answer_file(tmp_path / "file", FORMATS[form]) as answers:
+        answers.add("1", ANSWER)
+        answers._file.write(b"half")  # as where Ctrl-C comes while a row is written
+    assert (tmp_path / "file").read_text() == text(form, [("1", ANSWER)])
+
+
+def test_what_fails_leaves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("before")
+    with (
+        pytest.raises(ZeroDivisionError),
+        answer_file(tmp_path / "file", FORMATS["csv"]) as answers,
+    ):
+        answers.add(str(1 // 0), ANSWER)
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["before"]
+    with (
+        pytest.raises(StorageError, match="cannot write .*none.*; free space or choose another place"),
+        answer_file(tmp_path / "file" / "none", FORMATS["csv"]),
+    ):
+        pass

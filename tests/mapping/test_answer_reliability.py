@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from everplace.mapping.answer_reliability import answer_reliability, reliability_figure
+from everplace.mapping.held_out_answers import HeldOutAnswers
 from everplace.mapping.route_map import Map
 from everplace.plots.canvas import png_bytes
 
@@ -17,7 +18,7 @@ class Held:
     """A map's answers that were held out."""
 
     def __init__(self, probability: np.ndarray, right: np.ndarray) -> None:
-        self.held_out_answers = probability.astype(np.float32), right
+        self.held_out_answers = HeldOutAnswers(probability.astype(np.float32), right, np.ones(len(right), np.bool_))
 
 
 def answers(count: int) -> Held:
@@ -40,8 +41,7 @@ def test_numbers_of_answers_that_keep_their_word() -> None:
 
 
 def test_a_precision_that_no_answer_reaches() -> None:
-    held = answers(400)
-    held.held_out_answers = held.held_out_answers[0], np.zeros(400, np.bool_)
+    held = Held(answers(400).held_out_answers.probability, np.zeros(400, np.bool_))
     found = answer_reliability(held)  # type: ignore[arg-type]
     assert found is not None
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["threshold_at_0.99"] is None
@@ -77,6 +77,6 @@ def test_its_threshold_is_that_of_the_localizer(unchanged_three_map: Path, name:
     found = answer_reliability(map_)
     assert found is not None
     if name == "answers":
-        assert found.answers == len(map_.held_out_answers[0])
+        assert found.answers == len(map_.held_out_answers.probability)
     else:
         assert found.thresholds[0.9][0] == Localizer(map_).threshold(0.9)

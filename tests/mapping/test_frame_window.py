@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from everplace.errors import MapError
 from everplace.mapping.calibration import PROVISIONAL, likelihood_ratios_of
-from everplace.mapping.frame_window import MAP_MODEL, FrameWindow
+from everplace.mapping.frame_window import MAP_MODEL, FrameWindow, state_width
 from everplace.sequences.belief import Belief
+from everplace.sequences.route_model import RouteModel
 
 PLACES = 90
 STOP = 500
@@ -86,6 +88,66 @@ def test_after_a_stop_it_goes_on_with_the_views_before() -> None:
             assert places[20 + number - 1 : 20 + number + 2].sum() > 0.5
 
 
+@pytest.mark.parametrize("again", [0, 3])
+@pytest.mark.parametrize(("length", "other_length"), [(10, 4), (4, 10), (10, 1)])
+def test_a_state_is_gone_on_with_by_a_window_of_another_length(length: int, other_length: int, again: int) -> None:
+    scores = drive(range(20, 45))
+    window, other = FrameWindow(length, PROVISIONAL), FrameWindow(other_length, PROVISIONAL)
+    for row in [*scores[:15], *noisy(scores[14], again)]:
+        window.add(row)
+    other.restore(np.array(window.state()))
+    assert len(other.state()) == min(length, other_length)
+    np.testing.assert_array_equal(other.state(), window.state()[-other_length:])
+
+
+@pytest.mark.parametrize("stood", [STOP, 10**9])
+def test_how_long_it_stood_costs_no_time(stood: int) -> None:
+    scores = drive(range(20, 45))
+    window = FrameWindow(10, PROVISIONAL)
+    for row in [*scores[:12], *noisy(scores[11], 3)]:
+        window.add(row)
+    state = np.array(window.state())
+    state[-1, PLACES] = stood
+    moves = 0
+    move = Belief.move
+
+    def counted(self: Belief, model: RouteModel) -> None:
+        nonlocal moves
+        moves += 1
+        move(self, model)
+
+    other = FrameWindow(10, PROVISIONAL)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Belief, "move", counted)
+        other.restore(state)
+    assert moves == 0
+    assert other.state()[-1][PLACES] == stood
+
+
+def _set(state: NDArray[np.float64], at: tuple[int, int], value: float) -> NDArray[np.float64]:
+    changed = state.copy()
+    changed[at] = value
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        (0, np.inf), (PLACES, np.nan), (PLACES, np.inf), (PLACES, 0.0), (PLACES, -2.0), (PLACES, 1.5),
+        (PLACES + 1, np.nan), (PLACES + 5, -0.5), (PLACES + 5, 0.5), (PLACES + 5, np.inf), (-1, np.nan),
+    ],
+)  # fmt: skip
+def test_numbers_that_are_no_state_are_refused(column: int, value: float) -> None:
+    scores = drive(range(20, 45))
+    window = FrameWindow(10, PROVISIONAL)
+    for row in scores[:5]:
+        window.add(row)
+    before = np.array(window.state())
+    with pytest.raises(MapError, match=r"this state is damaged: it holds numbers .*; begin anew"):
+        window.restore(_set(before, (1, column), value))
+    np.testing.assert_array_equal(window.state(), before)
+
+
 @pytest.mark.parametrize(("before", "again"), [(3, 0), (15, 0), (15, 1), (15, STOP)])
 def test_a_state_is_gone_on_with_to_the_last_bit(before: int, again: int) -> None:
     scores = drive(range(20, 45))
@@ -95,8 +157,8 @@ def test_a_state_is_gone_on_with_to_the_last_bit(before: int, again: int) -> Non
         window.add(row)
     for row in scores[:7]:
         other.add(row)  # is forgotten
-    other.restore(window.state())
-    assert len(window.state()) == min(before, 10)
+    other.restore(np.array(window.state()))
+    assert np.shape(window.state()) == (min(before, 10), state_width(PLACES))
     for row in [*noisy(scores[before - 1], 3), *scores[before:]]:
         (places, off), (wanted, wanted_off) = other.add(row), window.add(row)
         np.testing.assert_array_equal(places, wanted)

@@ -184,7 +184,7 @@ def test_its_state_goes_on_in_another_process(
 
 def test_a_state_of_another_map_is_refused(unchanged_three_map: Path, tmp_path: Path) -> None:
     localizer = Localizer(unchanged_three_map)
-    for state in (np.ones((3, 7)), np.ones(60), np.ones((2, 60, 1))):
+    for state in (np.ones((3, 7)), np.ones(60), np.ones((2, 60, 1)), np.full((2, 423), "1")):
         with pytest.raises(MapError, match="of another map, or of another version of it; begin anew"):
             localizer.restore(state)
 

@@ -1,47 +1,39 @@
-"""What a map learns: which frames calibrate it, and what the last ten of them say."""
+"""What a map learns where its drives do not show each other's places."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from everplace.mapping.calibration import PROVISIONAL, likelihood_ratios_of
-from everplace.mapping.frame_window import MAP_MODEL
-from everplace.mapping.map_learning import _sequence_answers, _whole_stretches
-from everplace.sequences.belief import Belief
+from everplace.adaptation.moments import Moments
+from everplace.mapping.map_learning import Learnt, MapFrames, learn
 
 
-@given(count=st.integers(1, 30_000))
-def test_frames_in_a_row_stay_in_a_row(count: int) -> None:
-    chosen = _whole_stretches(count)
-    assert (np.diff(chosen) > 0).all()
-    assert chosen.max(initial=0) < count
-    assert len(chosen) <= 2000
-    if count <= 1992:
-        assert len(chosen) == count
-    assert len(chosen) >= min(count, 1992) - 24
-    np.testing.assert_array_equal(np.flatnonzero(np.diff(chosen) > 1) % 24, 23)
-
-
-def test_a_window_holds_frames_in_a_row_alone() -> None:
-    """Frames after a gap, or of another drive, are answered as if nothing had been seen before."""
+def learnt(drives: list[int]) -> Learnt:
+    """Of a map with 150 places: each is shown by two frames in a row, of these drives."""
     rng = np.random.default_rng(0)
-    true = np.r_[0:20, 60:80]
-    scores = rng.normal(size=(40, 90)).astype(np.float32)
-    scores[np.arange(40), true] += 2
-    apart = np.arange(40) == 20
-    probability, right = _sequence_answers(scores, true, apart, PROVISIONAL)
-    for query, first in ((19, 10), (20, 20), (24, 20), (35, 26)):
-        belief = Belief.start(MAP_MODEL, 1, 90)
-        for number, row in enumerate(scores[first : query + 1]):
-            if number:
-                belief.move(MAP_MODEL)
-            belief.see(likelihood_ratios_of(row, PROVISIONAL))
-        posterior = belief.places[0]
-        place = int(MAP_MODEL.worth(posterior[None])[0].argmax())
-        assert probability[query] == pytest.approx(posterior[max(place - 1, 0) : place + 2].sum(), rel=1e-5)
-        assert right[query] == (abs(place - true[query]) <= 1)
-    joined, _ = _sequence_answers(scores, true, np.zeros(40, np.bool_), PROVISIONAL)
-    assert joined[20] != pytest.approx(probability[20])
+    looks = rng.normal(size=(150, 24))
+    count = 300 * len(drives)
+    places = np.tile(np.repeat(np.arange(150), 2), len(drives))
+    features = (looks[places] + 0.3 * rng.normal(size=(count, 24))).astype(np.float16)
+    of_drives = np.repeat(drives, 300)
+    frames = MapFrames(
+        features, of_drives, places, places.astype(float), np.ones(count, np.bool_), np.full(count, -1), [True, True]
+    )
+    return learn(frames, Moments.none(24), 8, None)
+
+
+@pytest.mark.parametrize("drive", [0, 1])
+def test_pairs_of_one_drive_with_itself_calibrate_nothing(drive: int) -> None:
+    """As of a slow second drive, after the first one was removed."""
+    alone = learnt([drive])
+    assert alone.known["pairs"] == 150
+    assert alone.calibration.provisional
+    assert len(alone.held_out.probability) == 0
+
+
+def test_two_drives_that_show_the_same_places_calibrate_the_map() -> None:
+    both = learnt([0, 1])
+    assert not both.calibration.provisional
+    assert both.held_out.on_map.mean() == pytest.approx(7 / 8, abs=0.05)
+    assert both.held_out.right[both.held_out.on_map].mean() > 0.9

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
@@ -13,9 +14,10 @@ import pytest
 from tests.cli.test_main import call, refused, run
 from tests.mapping.drives import images_of, write_video
 
+from everplace.errors import StorageError
 from everplace.mapping.frame_stream import SeenFrame
 from everplace.mapping.localizer import Localizer
-from everplace.mapping.rerun_recording import BARS, rerun_recording
+from everplace.mapping.rerun_recording import BARS, _Copy, rerun_recording
 
 pytest.importorskip("rerun", reason="needs the extra rerun")
 
@@ -98,6 +100,47 @@ def test_a_video_has_its_times_and_a_map_without_poses_no_route(unchanged_render
     assert seconds == pytest.approx(np.arange(12) / 5)
     assert not any("Points3D:positions" in row for row in rows.get("route/match", []))
     assert not [name for name in rows if name.startswith("route/") and name != "route/match"]
+
+
+def test_a_recording_leaves_memory_as_it_grows(unchanged_summer_map: Path, tmp_path: Path) -> None:
+    localizer = Localizer(unchanged_summer_map)
+    images = np.random.default_rng(1).integers(0, 256, (40, 240, 640, 3), dtype=np.uint8)
+    with rerun_recording(tmp_path / "one.rrd", localizer) as recording:
+        for number, image in enumerate(images):
+            recording.add(SeenFrame(str(number), image, None), localizer.observe(image))
+        (part,) = tmp_path.iterdir()
+        assert part.name != "one.rrd"
+        for _ in range(100):  # the SDK hands on what it has every 0.2 s
+            if (written := part.stat().st_size) > 1_000_000:
+                break
+            time.sleep(0.1)
+        assert written > 1_000_000
+    assert [path.name for path in tmp_path.iterdir()] == ["one.rrd"]
+    assert len(read(tmp_path / "one.rrd")["query/image"]) == 40
+
+
+def test_a_recording_that_cannot_be_written_is_told_meanwhile(
+    unchanged_summer_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A full disk ends the drive, also where it has no end."""
+    localizer = Localizer(unchanged_summer_map)
+    image = np.random.default_rng(1).integers(0, 256, (64, 128, 3), dtype=np.uint8)
+    seen = localizer.observe(image)
+
+    def full(copy: _Copy, pipe: int, _: BinaryIO) -> None:
+        begin(copy, pipe, device)
+
+    begin = _Copy.__init__
+    monkeypatch.setattr(_Copy, "__init__", full)
+    with (
+        Path("/dev/full").open("wb", buffering=0) as device,
+        pytest.raises(StorageError, match=r"cannot write .*one.rrd: No space left on device; free space"),
+        rerun_recording(tmp_path / "one.rrd", localizer) as recording,
+    ):
+        for number in range(100_000):
+            recording.add(SeenFrame(str(number), image, None), seen)
+    assert number < 99_999
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_long_route_has_fewer_bars(

@@ -67,7 +67,9 @@ def test_without_poses_there_are_none(unchanged_tiny_route: Path, tmp_path: Path
 
 
 def test_precision_is_that_of_the_held_out_answers(unchanged_three_map: Path) -> None:
-    probability, right = Map.open(unchanged_three_map).held_out_answers
+    held_out = Map.open(unchanged_three_map).held_out_answers
+    probability, right, on_map = held_out.probability, held_out.right, held_out.on_map
+    assert 0 < on_map.sum() < len(on_map)
     rows = summary(unchanged_three_map)["precision"]
     assert len(rows) <= 200
     thresholds = [row["threshold"] for row in rows]
@@ -75,5 +77,6 @@ def test_precision_is_that_of_the_held_out_answers(unchanged_three_map: Path) ->
     for row in rows:
         accepted = probability >= np.float32(row["threshold"])
         assert row["precision"] == pytest.approx(right[accepted].mean())
-        assert row["recall"] == pytest.approx((right & accepted).sum() / len(right))
-    assert rows[-1]["recall"] == pytest.approx(right.mean())
+        assert row["recall"] == pytest.approx((right & accepted)[on_map].sum() / on_map.sum())
+    assert rows[-1]["recall"] == pytest.approx(right[on_map].mean())
+    assert rows[-1]["precision"] == pytest.approx(right.mean())

@@ -1,79 +1,131 @@
-"""Answers of a localizer as the files that SLAM and reconstruction read."""
+"""Answers of a localizer as the files that SLAM and reconstruction read, written row by row."""
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
 
+from everplace.files import whole_file
 from everplace.mapping.map_answer import MapAnswer
 
-__all__ = ["COLUMNS", "LocatedFrame", "csv_text", "g2o_text", "hloc_pairs_text", "tum_text"]
+__all__ = ["COLUMNS", "FORMATS", "AnswerFile", "AnswerFormat", "answer_file"]
 
 COLUMNS = ("frame", "time", "place", "drive", "database_frame", "score", "probability", "off_map")
 
 
-@dataclass(frozen=True, slots=True)
-class LocatedFrame:
-    """A frame of a drive and where it was taken.
+class AnswerFormat(NamedTuple):
+    """A format.
 
     Attributes:
-        frame: Its name: a file's stem, or a number in a video.
-        answer: Where.
+        head: What stands first.
+        row: Text of one frame, of how many are written before it, its name (a file's stem, or its number in a video)
+            and the answer; it may be empty.
     """
 
-    frame: str
-    answer: MapAnswer
+    head: str
+    row: Callable[[int, str, MapAnswer], str]
 
 
-def csv_text(located: Sequence[LocatedFrame]) -> str:
-    """One row a frame, with the columns `COLUMNS`: also loop closures for any SLAM."""
+class AnswerFile:
+    """A file that grows by whole rows, so that memory does not."""
+
+    def __init__(self, file: BinaryIO, form: AnswerFormat) -> None:
+        """Begins with the head of a format."""
+        self._file, self._form = file, form
+        self._answers = 0
+        self._end = file.write(_encoded(form.head))
+
+    def add(self, frame: str, answer: MapAnswer) -> None:
+        """Writes what a frame's name and answer are in the format."""
+        text = _encoded(self._form.row(self._answers, frame, answer))
+        self._file.write(text)
+        self._answers, self._end = self._answers + 1, self._end + len(text)
+
+    def finish(self) -> None:
+        """Cuts off what Ctrl-C left of a row."""
+        self._file.truncate(self._end)
+
+
+@contextlib.contextmanager
+def answer_file(path: Path, form: AnswerFormat) -> Iterator[AnswerFile]:
+    """Gives a file to add answers to, which appears whole in the end (see `everplace.files.whole_file`).
+
+    Args:
+        path: Where; `everplace.files.STANDARD_OUTPUT` is printed in the end.
+        form: One of `FORMATS`.
+
+    Raises:
+        StorageError: The disk is full or the place cannot be written to.
+    """
+    with whole_file(path) as temporary, temporary.open("wb") as file:
+        answers = AnswerFile(file, form)
+        yield answers
+        answers.finish()
+
+
+def _csv_text(cells: list[object]) -> str:
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for one in located:
-        answer = one.answer
-        time = "" if answer.time is None else f"{answer.time:.6f}"
-        numbers = [f"{number:.6g}" for number in (answer.score, answer.probability, answer.off_map)]
-        writer.writerow([one.frame, time, answer.place, answer.drive, answer.database_frame, *numbers])
+    csv.writer(text, lineterminator="\n").writerow(cells)
     return text.getvalue()
 
 
-def tum_text(located: Sequence[LocatedFrame]) -> str:
+def _csv_row(_: int, frame: str, answer: MapAnswer) -> str:
+    """One row a frame, with the columns `COLUMNS`: also loop closures for any SLAM."""
+    time = "" if answer.time is None else f"{answer.time:.6f}"
+    numbers = [f"{number:.6g}" for number in (answer.score, answer.probability, answer.off_map)]
+    return _csv_text([frame, time, answer.place, answer.drive, answer.database_frame, *numbers])
+
+
+def _tum_row(number: int, _: str, answer: MapAnswer) -> str:
     """A trajectory in TUM's format: `time x y z qx qy qz qw`, of the frames whose place has a pose.
 
-    Where a frame has no time, its number in the drive stands for it.
+    Where a frame has no time, its number stands for it.
     """
-    lines = []
-    for number, one in enumerate(located):
-        pose = one.answer.pose
-        if pose is not None:
-            time = number if one.answer.time is None else one.answer.time
-            half = pose.heading / 2
-            lines.append(f"{time:.6f} {pose.x:.6f} {pose.y:.6f} 0 0 0 {math.sin(half):.9f} {math.cos(half):.9f}\n")
-    return "".join(lines)
+    pose = answer.pose
+    if pose is None:
+        return ""
+    time = number if answer.time is None else answer.time
+    half = pose.heading / 2
+    return f"{time:.6f} {pose.x:.6f} {pose.y:.6f} 0 0 0 {math.sin(half):.9f} {math.cos(half):.9f}\n"
 
 
-def g2o_text(located: Sequence[LocatedFrame]) -> str:
+def _g2o_row(number: int, _: str, answer: MapAnswer) -> str:
     """Loop closures in g2o's format: a fixed vertex for each place of the map, and an edge to each frame that is there.
 
     Vertex 2k is the pose of the k-th frame's place, 2k + 1 the frame. An edge says that the two are at the same place,
     with an information that grows with the odds of the match.
     """
-    lines = []
-    for number, one in enumerate(located):
-        pose = one.answer.pose
-        if pose is None:
-            continue
-        where = f"{pose.x:.6f} {pose.y:.6f} {pose.heading:.9f}"
-        odds = one.answer.probability / max(1 - one.answer.probability, 1e-6)
-        lines.append(f"VERTEX_SE2 {2 * number} {where}\nFIX {2 * number}\nVERTEX_SE2 {2 * number + 1} {where}\n")
-        lines.append(f"EDGE_SE2 {2 * number} {2 * number + 1} 0 0 0 {odds:.6g} 0 0 {odds:.6g} 0 {odds:.6g}\n")
-    return "".join(lines)
+    pose = answer.pose
+    if pose is None:
+        return ""
+    where = f"{pose.x:.6f} {pose.y:.6f} {pose.heading:.9f}"
+    odds = answer.probability / max(1 - answer.probability, 1e-6)
+    place, seen = 2 * number, 2 * number + 1
+    return (
+        f"VERTEX_SE2 {place} {where}\nFIX {place}\nVERTEX_SE2 {seen} {where}\n"
+        f"EDGE_SE2 {place} {seen} 0 0 0 {odds:.6g} 0 0 {odds:.6g} 0 {odds:.6g}\n"
+    )
 
 
-def hloc_pairs_text(located: Sequence[LocatedFrame]) -> str:
+def _hloc_pairs_row(_: int, frame: str, answer: MapAnswer) -> str:
     """Pairs of image names for hloc: the frame, and the frame of the map."""
-    return "".join(f"{one.frame} {one.answer.drive}/{one.answer.database_frame}\n" for one in located)
+    return f"{frame} {answer.drive}/{answer.database_frame}\n"
+
+
+def _encoded(text: str) -> bytes:
+    """UTF-8; what of a file name is not is escaped."""
+    return text.encode("utf-8", "backslashreplace")
+
+
+FORMATS = {
+    "csv": AnswerFormat(_csv_text(list(COLUMNS)), _csv_row),
+    "tum": AnswerFormat("", _tum_row),
+    "g2o": AnswerFormat("", _g2o_row),
+    "hloc-pairs": AnswerFormat("", _hloc_pairs_row),
+}
+"""By the names of `everplace localize --format`."""

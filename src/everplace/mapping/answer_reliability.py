@@ -57,7 +57,7 @@ class AnswerReliability:
 
 def answer_reliability(map_: Map) -> AnswerReliability | None:
     """Measures the answers that were held out; None: a map of so few sure pairs has none, and is provisional."""
-    probability, right = map_.held_out_answers
+    probability, right = map_.held_out_answers.probability, map_.held_out_answers.right
     if not len(probability):
         return None
     return AnswerReliability(

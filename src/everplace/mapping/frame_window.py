@@ -9,20 +9,20 @@ counts as one with it, and of one that shows it in part only the rest is heard: 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from everplace.errors import MapError
 from everplace.mapping.calibration import Calibration, likelihood_ratios_of
-from everplace.sequences.belief import Course
+from everplace.sequences.belief import Belief, Course, Repeats
 from everplace.sequences.evidence import likelihood_ratios, standardised
 from everplace.sequences.frame_change import View, change_in_steps
-from everplace.sequences.route_model import RouteModel
+from everplace.sequences.route_model import GAITS, RouteModel
 
-__all__ = ["MAP_MODEL", "SEQUENCE", "FrameWindow"]
+__all__ = ["MAP_MODEL", "SEQUENCE", "FrameWindow", "state_width"]
 
 SEQUENCE = 10
 """Frames that an answer rests on, unless somebody asks for another number."""
@@ -30,6 +30,14 @@ SEQUENCE = 10
 MAP_MODEL = RouteModel(leave=0.02, repeat=0.05)
 """What is assumed of a drive on a map. It leaves the map more often than in a comparison, and the noise of its camera
 may change a view more; chosen on rendered worlds and on Nordland's places 0 to 1,019."""
+
+_ROUNDING = 1e-6
+"""Of probabilities that sum to 1."""
+
+
+def state_width(places: int) -> int:
+    """How many numbers `FrameWindow.state` gives of each view on a map of P places: 7P + 3."""
+    return places + 1 + 2 * (len(GAITS) * places + 1)
 
 
 class FrameWindow:
@@ -68,18 +76,37 @@ class FrameWindow:
         return belief.places[0], float(belief.off[0])
 
     def state(self) -> list[NDArray[np.float64]]:
-        """Of each view (P + 1,): its scores, and how many frames showed it."""
-        return [np.append(one.scores, one.frames) for one in self._views]
+        """Of each view `state_width(P)` numbers: its scores, how many frames showed it, and the belief since it."""
+        return [np.concatenate([one.scores, [one.frames], _numbers(one.course)]) for one in self._views]
 
-    def restore(self, state: Iterable[NDArray[np.float64]]) -> None:
-        """Goes on where `state` was taken."""
+    def restore(self, state: NDArray[np.float64]) -> None:
+        """Goes on where `state` was taken, by a window of any length.
+
+        Args:
+            state: Rows of `state_width(P)` numbers.
+
+        Raises:
+            MapError: They are not those of a state.
+        """
+        places = (state.shape[1] - 3) // 7
+        scores, frames, beliefs = state[:, :places], state[:, places], state[:, places + 1 :]
+        if not (
+            not np.isinf(scores).any()
+            and np.isfinite(frames).all()
+            and ((frames >= 1) & (frames % 1 == 0)).all()
+            and ((beliefs >= 0) & (beliefs <= 1)).all()
+            and np.allclose(beliefs.sum(axis=1), 1, atol=_ROUNDING)
+        ):
+            raise MapError(
+                "this state is damaged: it holds numbers that are no scores, probabilities or counts of frames; "
+                "begin anew"
+            )
+        repeats = len(frames) > 0 and frames[-1] > 1
         self._views.clear()
-        for row in state:
-            scores = row[:-1]
-            shown = likelihood_ratios(standardised(scores), self._model)
-            self._see(scores, shown, View.of(shown))
-            for _ in range(int(row[-1]) - 1):
-                self._go_on()
+        for row, count, numbers in zip(scores, frames.tolist(), beliefs, strict=True):
+            shown = likelihood_ratios(standardised(row), self._model)
+            course = _course(numbers, repeats=repeats)
+            self._views.append(_View(row, shown, View.of(shown), course, int(count)))
 
     def _see(self, scores: NDArray[np.float64], shown: NDArray[np.float64], view: View) -> None:
         """Takes a frame that shows something new."""
@@ -114,3 +141,23 @@ class _View:
     view: View
     course: Course
     frames: int = 1
+
+
+def _numbers(course: Course) -> NDArray[np.float64]:
+    """The probabilities of a course that stands, and those of one that goes on: all that sums to its belief."""
+    if course.repeats is None:
+        standing, going = course.belief, Belief(np.zeros_like(course.belief.on), np.zeros_like(course.belief.off))
+    else:
+        standing, going = course.repeats.standing, course.repeats.going
+    return np.concatenate([standing.on.ravel(), standing.off, going.on.ravel(), going.off])
+
+
+def _course(numbers: NDArray[np.float64], *, repeats: bool) -> Course:
+    """What `_numbers` gave; whether the last view came again."""
+    standing, going = (
+        Belief(half[:-1].reshape(1, len(GAITS), -1).copy(), half[-1:].copy()) for half in np.split(numbers, 2)
+    )
+    if not repeats:
+        return Course(standing)
+    both = Repeats(standing, going)
+    return Course(both.either(), both)

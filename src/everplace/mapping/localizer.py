@@ -15,7 +15,7 @@ from everplace.mapping import place_search
 from everplace.mapping.calibration import place_posterior
 from everplace.mapping.described_drive import how_it_looks
 from everplace.mapping.frame_graph import FrameGraph
-from everplace.mapping.frame_window import MAP_MODEL, SEQUENCE, FrameWindow
+from everplace.mapping.frame_window import MAP_MODEL, SEQUENCE, FrameWindow, state_width
 from everplace.mapping.map_answer import MapAnswer, Observation, PlaceMatch
 from everplace.mapping.place_scores import PlaceFrames
 from everplace.mapping.place_search import PlaceSearch
@@ -110,7 +110,8 @@ class Localizer:
         """
         if precision is None or self.provisional:
             return precision or 0.0
-        least, _ = threshold_for(precision, *self.map.held_out_answers)
+        held_out = self.map.held_out_answers
+        least, _ = threshold_for(precision, held_out.probability, held_out.right)
         if not np.isfinite(least):
             raise MapError(
                 f"answers of this map are never so sure that {precision:.1%} are right; give a lower `precision`"
@@ -118,20 +119,20 @@ class Localizer:
         return float(least)
 
     def state(self) -> NDArray[np.float64]:
-        """L×(P + 1): what it knows of the drive so far, to go on with `restore` in another process."""
+        """L×(7P + 3): what it knows of the drive so far, to go on with `restore` in another process."""
         views = [] if self._window is None else self._window.state()
-        return np.array(views).reshape(-1, len(self._order) + 1)
+        return np.array(views).reshape(-1, state_width(len(self._order)))
 
     def restore(self, state: NDArray[np.float64]) -> None:
         """Goes on where `state` was taken, on the same version of the map.
 
         Raises:
-            MapError: It is of another map, or of another version.
+            MapError: It is of another map or of another version, or damaged.
         """
-        if state.ndim != 2 or state.shape[1] != len(self._order) + 1:
+        if state.ndim != 2 or state.shape[1] != state_width(len(self._order)) or state.dtype != np.float64:
             raise MapError("this state is of another map, or of another version of it; begin anew")
         if self._window is not None:
-            self._window.restore(np.asarray(state, np.float64))
+            self._window.restore(state)
 
     def locate(
         self, image: NDArray[np.uint8], time: float | None = None, *, excluded: tuple[str, int, int] | None = None

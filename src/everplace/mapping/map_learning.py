@@ -16,21 +16,18 @@ from everplace.adaptation.place_weights import pair_weights, place_weights
 from everplace.adaptation.prior import Prior
 from everplace.adaptation.route_adaptation import taught_projection
 from everplace.mapping.calibration import PROVISIONAL, Calibration, fit_calibration
-from everplace.mapping.frame_window import MAP_MODEL, SEQUENCE, FrameWindow
+from everplace.mapping.held_out_answers import HeldOutAnswers, follows_none, sequence_answers, some_stretches, stretches
 from everplace.mapping.place_scores import PlaceFrames
+from everplace.mapping.reliability import STRETCH
 from everplace.match.similarity import directions
-from everplace.route.selection import spread
 
 __all__ = ["Learnt", "MapFrames", "learn", "light_arrays", "light_of"]
 
-_STRETCH = 24
 _FEWEST = 100
 """Pairs from which a map is calibrated by its own."""
 _MOST = 2000
 """Queries that a calibration looks at."""
 _REACH = 1
-_OFF_EVERY = 8
-_GUARD = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,15 +80,13 @@ class Learnt:
     Attributes:
         projection: From the method's numbers to the map's descriptor.
         calibration: How scores become probabilities.
-        probability: (M,) of the best match of frames that were held out, each from the last 10; empty: none were.
-        right: (M,) whether it was right.
+        held_out: What it answered to frames that were held out; none: it learnt from few pairs.
         known: What it was made from: pairs, and the prior's weight.
     """
 
     projection: Projection
     calibration: Calibration
-    probability: NDArray[np.float32]
-    right: NDArray[np.bool_]
+    held_out: HeldOutAnswers
     known: dict[str, float]
 
 
@@ -116,14 +111,13 @@ def learn(frames: MapFrames, light: Moments, dimensions: int, prior: Prior | Non
     projection, weight = solved(pairs)
     known = {"pairs": float(len(pairs.rows)), "prior_weight": weight}
     if len(pairs.rows) < _FEWEST:
-        return Learnt(projection, PROVISIONAL, np.empty(0, np.float32), np.empty(0, np.bool_), known)
-    held_out = calibrate(frames, order, pairs, lambda kept: solved(pairs.take(kept))[0])
-    return Learnt(projection, *held_out, known)
+        return Learnt(projection, PROVISIONAL, HeldOutAnswers.none(), known)
+    return Learnt(projection, *calibrate(frames, order, pairs, lambda kept: solved(pairs.take(kept))[0]), known)
 
 
 def calibrate(
     frames: MapFrames, order: PlaceFrames, pairs: _Pairs, solve: Callable[[NDArray[np.bool_]], Projection]
-) -> tuple[Calibration, NDArray[np.float32], NDArray[np.bool_]]:
+) -> tuple[Calibration, HeldOutAnswers]:
     """How sure answers are, by frames that were held out of what was learnt.
 
     The pairs are cut into stretches of 24, and every second one is looked for with the projection that the others
@@ -137,17 +131,19 @@ def calibrate(
         solve: Gives the projection by some of the pairs.
 
     Returns:
-        The calibration; and of the same frames, each from the last 10, the probability of the best match and whether it
-        is right.
+        The calibration, and what the map answers to the same frames; where no other drive shows their places, the
+        provisional one and none.
     """
     column = {int(place): index for index, place in enumerate(order.places)}
     queries = np.flatnonzero(frames.sure | (frames.between >= 0))
     queries = queries[[bool(frames.learns[drive]) for drive in frames.drives[queries]]]
     true = np.array([column.get(_place(frames, row), -1) for row in queries.tolist()], np.int64)
     queries, true = queries[true >= 0], true[true >= 0]
-    kept = _whole_stretches(len(queries))
+    stretch = stretches(follows_none(queries, frames.drives[queries]))
+    kept = some_stretches(stretch, _MOST)
     queries, true = queries[kept], true[kept]
-    half = (np.arange(len(frames.places)) // _STRETCH) % 2  # of rows, so that a pair and its query agree
+    stretch = np.unique(stretch[kept], return_inverse=True)[1]
+    half = (np.arange(len(frames.places)) // STRETCH) % 2  # of rows, so that a pair and its query agree
     scores = np.empty((len(queries), len(order)), np.float32)
     for held in (0, 1):
         projection = solve(half[pairs.rows] != held)
@@ -159,50 +155,11 @@ def calibrate(
         scores[mine] = order.fuse(found)
     scores[~np.isfinite(scores)] = np.nan  # a place of the query's own drive alone
     seen = ~np.isnan(scores[np.arange(len(queries)), true])
+    if not seen.any():
+        return PROVISIONAL, HeldOutAnswers.none()
     found = fit_calibration(scores[seen], true[seen], _REACH)
-    rows = queries[seen]
-    apart = (np.diff(rows, prepend=rows[:1]) > _STRETCH) | (
-        np.diff(frames.drives[rows], prepend=frames.drives[rows[:1]]) != 0
-    )
-    return found, *_sequence_answers(scores[seen], true[seen], apart, found)
-
-
-def _whole_stretches(count: int) -> NDArray[np.int64]:
-    """Positions among so many queries: all, or some 2,000 in stretches of 24 that stay as they are."""
-    stretches = -(-count // _STRETCH)
-    chosen = np.array(spread(stretches, _MOST // _STRETCH), np.int64)
-    positions = (chosen[:, None] * _STRETCH + np.arange(_STRETCH)).ravel()
-    return positions[positions < count]
-
-
-def _sequence_answers(
-    scores: NDArray[np.float32], true: NDArray[np.int64], apart: NDArray[np.bool_], calibration: Calibration
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Probability of the best match of every query from the last 10, and whether it is right.
-
-    Every eighth stretch is off the map: what is found there is wrong.
-
-    Args:
-        scores: M×P.
-        true: (M,) columns.
-        apart: (M,) whether a frame does not follow the one before it.
-        calibration: How the scores are read.
-    """
-    probability, right = np.empty(len(scores), np.float32), np.empty(len(scores), np.bool_)
-    window = FrameWindow(SEQUENCE, calibration)
-    for query, scored in enumerate(scores):
-        row = scored.copy()
-        if apart[query]:
-            window = FrameWindow(SEQUENCE, calibration)
-        stretch = query // _STRETCH
-        if stretch % _OFF_EVERY == _OFF_EVERY // 2:  # the places of this stretch are hidden, as on a detour
-            around = true[stretch * _STRETCH : (stretch + 1) * _STRETCH]
-            row[max(int(around.min()) - _GUARD, 0) : int(around.max()) + _GUARD + 1] = np.nan
-        posterior, _ = window.add(row)
-        place = int(MAP_MODEL.worth(posterior[None])[0].argmax())
-        probability[query] = posterior[max(place - _REACH, 0) : place + _REACH + 1].sum()
-        right[query] = abs(place - int(true[query])) <= _REACH and not np.isnan(row[true[query]])
-    return probability, right
+    apart = follows_none(queries[seen], frames.drives[queries[seen]])
+    return found, sequence_answers(scores[seen], true[seen], stretch[seen], apart, found)
 
 
 def _pairs(frames: MapFrames, order: PlaceFrames, there: NDArray[np.float32], weights: NDArray[np.float64]) -> _Pairs:

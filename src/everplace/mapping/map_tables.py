@@ -13,53 +13,27 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from datetime import datetime, timezone
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from everplace.errors import MapError, StorageError
+from everplace.errors import MapError
 from everplace.files import cache_directory, readable
-from everplace.mapping.image_statistics import STATISTICS
+from everplace.mapping.lance_failures import reading, reason, storing
+from everplace.mapping.map_columns import arrow_table, as_matrix, descriptor_schema, frame_schema, state_schema
+from everplace.mapping.map_state import MapState
+from everplace.mapping.thumbnails import Thumbnails
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["FORMAT", "MapState", "MapTables", "Thumbnails"]
+__all__ = ["MapTables"]
 
-FORMAT = 1
-_OWN_NAME = re.compile(r"^lance error: (LanceError\(\w+\): )?")
-_STORE_ANSWER = re.compile(r"<Message>([^<]+)</Message>")
-_OWN_SOURCE = re.compile(r", \S+\.rs:[0-9:]+$")
 _FRAMES, _DESCRIPTORS, _STATES = "frames", "descriptors", "states"
 _GRAPH = "graph"
-
-
-@dataclass(frozen=True, eq=False)
-class MapState:
-    """One version of a map.
-
-    Attributes:
-        version: 1, 2, ...
-        created: When, UTC, ISO 8601.
-        document: What is known of it: method, drives, calibration; JSON values.
-        arrays: Numbers by name: the adapter, what other light changes, the conditions' model.
-        frames_version: Version of the table of frames.
-        descriptors_version: Version of the table of descriptors.
-    """
-
-    version: int
-    created: str
-    document: Mapping[str, Any]
-    arrays: Mapping[str, NDArray[Any]] = field(repr=False)
-    frames_version: int = 0
-    descriptors_version: int = 0
 
 
 class MapTables:
@@ -118,28 +92,11 @@ class MapTables:
             features: F, numbers of the map's method.
             dimensions: D, numbers of its descriptors.
         """
-        import pyarrow as pa
-
-        frames = pa.schema(
-            [
-                ("drive", pa.string()), ("number", pa.int64()), ("stem", pa.string()), ("place", pa.int64()),
-                ("position", pa.float64()), ("sure", pa.bool_()), ("between", pa.int64()),
-                ("x", pa.float64()), ("y", pa.float64()), ("heading", pa.float64()), ("seconds", pa.float64()),
-                ("features", pa.list_(pa.float16(), features)), ("looks", pa.list_(pa.float32(), STATISTICS)),
-                ("thumbnail", pa.binary()),
-            ]
-        )  # fmt: skip
-        states = pa.schema(
-            [
-                ("version", pa.int64()), ("created", pa.string()), ("document", pa.string()), ("arrays", pa.binary()),
-                ("frames_version", pa.int64()), ("descriptors_version", pa.int64()),
-            ]
-        )  # fmt: skip
         self.drop()  # of a creation that was killed
-        with _storing(self.address):
-            self._database.create_table(_FRAMES, schema=frames)
-            self._database.create_table(_DESCRIPTORS, schema=_descriptor_schema(dimensions))
-            self._database.create_table(_STATES, schema=states)
+        with storing(self.address):
+            self._database.create_table(_FRAMES, schema=frame_schema(features))
+            self._database.create_table(_DESCRIPTORS, schema=descriptor_schema(dimensions))
+            self._database.create_table(_STATES, schema=state_schema())
 
     def drop(self) -> None:
         """Removes the tables of a map that is not whole."""
@@ -169,22 +126,8 @@ class MapTables:
         Raises:
             MapError: It is damaged, or of another format.
         """
-        from safetensors.numpy import load
-
         rows = self._read(self._open(_STATES), None, f"version = {version}").to_pylist()
-        row = rows[0]  # of equal numbers the first that was committed
-        try:
-            document = json.loads(row["document"])
-            found_format = document.get("format")
-            arrays = load(row["arrays"]) if found_format == FORMAT else {}
-        except Exception as error:
-            raise MapError(f"the map {readable(self.address)} is damaged ({error}); restore it from a copy") from None
-        if found_format != FORMAT:
-            raise MapError(
-                f"the map {readable(self.address)} has format {found_format!r}, but this version of everplace reads "
-                f"format {FORMAT}; use the version that wrote it, or make the map anew"
-            )
-        return MapState(version, row["created"], document, arrays, row["frames_version"], row["descriptors_version"])
+        return MapState.from_row(rows[0], self.address)  # of equal numbers the first that was committed
 
     def states(self) -> list[MapState]:
         """All versions, oldest first.
@@ -261,14 +204,14 @@ class MapTables:
             StorageError: The disk is full or the place cannot be written to.
         """
         table = self._open(_FRAMES)
-        with _storing(self.address):
-            return int(table.add(_table(rows, table.schema)).version)
+        with storing(self.address):
+            return int(table.add(arrow_table(rows, table.schema)).version)
 
     def remove_frames(self, drive: str) -> int:
         """Deletes the frames of a drive; returns the version of the table, to be named by a state."""
         table = self._open(_FRAMES)
         quoted = drive.replace("'", "''")
-        with _storing(self.address):
+        with storing(self.address):
             return int(table.delete(f"drive = '{quoted}'").version)
 
     def require_alone(self, frames: int, expected: int) -> None:
@@ -288,56 +231,32 @@ class MapTables:
 
     def write_descriptors(self, values: NDArray[np.float32]) -> int:
         """Replaces all descriptors; returns the version of the table, to be named by a state."""
-        schema = _descriptor_schema(values.shape[1])
-        rows = _table({"row": np.arange(len(values)), "descriptor": np.asarray(values, np.float32)}, schema)
-        with _storing(self.address):
+        schema = descriptor_schema(values.shape[1])
+        rows = arrow_table({"row": np.arange(len(values)), "descriptor": np.asarray(values, np.float32)}, schema)
+        with storing(self.address):
             table = self._open(_DESCRIPTORS)
             if table.schema.field("descriptor").type != schema.field("descriptor").type:
                 # Of another dimension: columns change their type only in a table that is made anew.
                 self._database.create_table(_DESCRIPTORS, data=rows, mode="overwrite")
-                table = self._open(_DESCRIPTORS)
-            else:
-                return int(table.add(rows, mode="overwrite").version)
-        return int(table.version)
+                return int(self._open(_DESCRIPTORS).version)
+            return int(table.add(rows, mode="overwrite").version)
 
-    def commit(
-        self,
-        version: int,
-        document: Mapping[str, Any],
-        arrays: Mapping[str, NDArray[Any]],
-        frames: int,
-        descriptors: int,
-    ) -> MapState:
-        """Makes a new version the map.
-
-        Args:
-            version: Its number.
-            document: See `MapState`.
-            arrays: See `MapState`.
-            frames: Version of the table of frames.
-            descriptors: Version of the table of descriptors.
+    def commit(self, state: MapState) -> None:
+        """Makes a state the newest version of the map.
 
         Raises:
             StorageError: The disk is full or the place cannot be written to.
             MapError: Another process made this version meanwhile.
         """
-        from safetensors.numpy import save
-
-        created = datetime.now(timezone.utc).isoformat(timespec="seconds")
+        row = state.to_row()
         table = self._open(_STATES)
-        data = save({name: np.ascontiguousarray(array) for name, array in arrays.items()})
-        row: dict[str, list[Any]] = {
-            "version": [version], "created": [created], "document": [json.dumps({**document, "format": FORMAT})],
-            "arrays": [data], "frames_version": [frames], "descriptors_version": [descriptors],
-        }  # fmt: skip
-        with _storing(self.address):
-            table.add(_table(row, table.schema))
+        with storing(self.address):
+            table.add(arrow_table({name: [value] for name, value in row.items()}, table.schema))
         if self.local is None:
             named = ["version", "document", "frames_version", "descriptors_version"]
-            first = self._read(self._open(_STATES), named, f"version = {version}").to_pylist()[0]
-            if any(first[name] != row[name][0] for name in named):
+            first = self._read(self._open(_STATES), named, f"version = {state.version}").to_pylist()[0]
+            if any(first[name] != row[name] for name in named):
                 raise _lost(self.address)
-        return MapState(version, created, {**document, "format": FORMAT}, arrays, frames, descriptors)
 
     def bytes(self) -> int | None:
         """What the map takes on disk; None at another address."""
@@ -356,7 +275,7 @@ class MapTables:
             return list(self._database.list_tables(limit=100).tables)
         except Exception as error:  # LanceDB raises what its core gives
             raise MapError(
-                f"cannot look for a map at {readable(self.address)} ({_reason(error)}); check the address, the "
+                f"cannot look for a map at {readable(self.address)} ({reason(error)}); check the address, the "
                 "permissions, and for an object store what the environment says of it"
             ) from error
 
@@ -371,62 +290,9 @@ class MapTables:
             ) from error
 
     def _read(self, table: Any, columns: list[str] | None, where: str = "") -> pa.Table:
-        try:
+        with reading(self.address):
             query = table.search().where(where) if where else table.search()
             return (query.select(columns) if columns else query).limit(None).to_arrow()
-        except Exception as error:  # LanceDB raises what its core gives
-            raise MapError(f"the map {readable(self.address)} is damaged ({_reason(error)}); restore a copy") from None
-
-
-class Thumbnails:
-    """The thumbnails of the frames of a version; several threads may read at once."""
-
-    def __init__(self, address: str, table: Any, rows: NDArray[np.int64]) -> None:
-        """Keeps the table, at its version, and where the frames lie in it."""
-        self._address, self._table, self._rows = address, table, rows
-
-    def __len__(self) -> int:
-        """Returns the number of frames."""
-        return len(self._rows)
-
-    def read(self, frame: int) -> bytes:
-        """The JPEG file of a frame, by its row in the order of `MapTables.frames`.
-
-        Raises:
-            MapError: The map was removed or damaged meanwhile.
-        """
-        try:
-            found = self._table.take_offsets([int(self._rows[frame])]).select(["thumbnail"]).to_arrow()
-        except Exception as error:  # LanceDB raises what its core gives
-            raise MapError(f"the map {readable(self._address)} is damaged ({_reason(error)}); restore a copy") from None
-        data: bytes = found["thumbnail"][0].as_py()
-        return data
-
-
-def as_matrix(column: pa.ChunkedArray) -> NDArray[Any]:
-    """N×K of a column of lists of K numbers."""
-    whole = column.combine_chunks()
-    return np.asarray(whole.flatten()).reshape(len(whole), -1)
-
-
-def _descriptor_schema(dimensions: int) -> pa.Schema:
-    import pyarrow as pa
-
-    return pa.schema([("row", pa.int64()), ("descriptor", pa.list_(pa.float32(), dimensions))])
-
-
-def _table(rows: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
-    import pyarrow as pa
-
-    columns = []
-    for spec in schema:
-        values = rows[spec.name]
-        if isinstance(values, np.ndarray) and values.ndim == 2:
-            flat = pa.array(np.ascontiguousarray(values).reshape(-1))
-            columns.append(pa.FixedSizeListArray.from_arrays(flat, values.shape[1]).cast(spec.type))
-        else:
-            columns.append(pa.array(values, spec.type))
-    return pa.Table.from_arrays(columns, schema=schema)
 
 
 def _lost(address: str) -> MapError:
@@ -434,22 +300,3 @@ def _lost(address: str) -> MapError:
         f"another process changed the map {readable(address)} meanwhile, so this change came to nothing; give the "
         "command again"
     )
-
-
-def _reason(error: Exception) -> str:
-    """Why LanceDB failed, without what its core says about itself."""
-    if (answer := _STORE_ANSWER.search(str(error))) is not None:
-        return answer[1]
-    line = (str(error) or type(error).__name__).splitlines()[0]
-    return _OWN_SOURCE.sub("", _OWN_NAME.sub("", line))[:200]
-
-
-@contextlib.contextmanager
-def _storing(address: str) -> Iterator[None]:
-    """Turns what LanceDB raises while writing into one sentence."""
-    try:
-        yield
-    except (OSError, RuntimeError, ValueError) as error:
-        raise StorageError(
-            f"cannot write the map {readable(address)}: {_reason(error)}; free space or check the permissions"
-        ) from error

@@ -20,25 +20,65 @@ from everplace.importing.positions.pose_track import read_named_poses
 from everplace.locking import locked
 from everplace.mapping.condition_model import ConditionModel
 from everplace.mapping.described_drive import DescribedDrive
-from everplace.mapping.map_learning import MapFrames, learn, light_of
-from everplace.mapping.map_tables import MapState, MapTables, as_matrix
+from everplace.mapping.map_columns import as_matrix
+from everplace.mapping.map_learning import MapFrames, learn, light_arrays, light_of
+from everplace.mapping.map_state import MapState
+from everplace.mapping.map_tables import MapTables
 from everplace.mapping.placement import Placement
 from everplace.progress import Progress, shown
 
-__all__ = ["commit_learnt", "drive_rows", "one_writer", "require_free", "with_poses"]
+__all__ = ["commit_learnt", "drive_entry", "drive_rows", "first_version", "one_writer", "require_free", "with_poses"]
+
+
+def first_version(
+    tables: MapTables,
+    document: Mapping[str, Any],
+    name: str,
+    described: DescribedDrive,
+    placement: Placement,
+    progress: Progress,
+) -> MapState:
+    """Makes the tables of a map of one drive, and commits it; what fails leaves none.
+
+    Args:
+        tables: Of the map.
+        document: See `MapState`.
+        name: Of the drive.
+        described: The drive, with what other light changes.
+        placement: Of the drive.
+        progress: Told of the learning.
+    """
+    assert described.light is not None
+    try:
+        tables.create(int(document["features"]), int(document["dimensions"]))
+        frames = tables.add_frames(drive_rows(name, described, placement))
+        before = MapState(0, "", document, light_arrays(described.light), frames)
+        return commit_learnt(tables, before, document, frames, progress)
+    except BaseException:
+        if not tables.finished:
+            tables.drop()
+        raise
 
 
 def commit_learnt(
     tables: MapTables,
-    state: MapState,
+    before: MapState,
     document: Mapping[str, Any],
-    arrays: Mapping[str, NDArray[Any]],
     frames_version: int,
     progress: Progress,
     *,
     learns: bool = True,
 ) -> MapState:
-    """Learns from the frames of a new version, and commits it."""
+    """Learns from the frames of a new version, and commits it.
+
+    Args:
+        tables: Of the map.
+        before: The version before, or what stands for it in a new map.
+        document: Of the new version, without what is learnt.
+        frames_version: Version of the table of frames.
+        progress: Told of the learning.
+        learns: Whether the descriptor is learnt again.
+    """
     tables.require_alone(frames_version, sum(one["frames"] for one in document["drives"]))
     wanted = ["place", "position", "sure", "features", "looks", "between"]
     table = tables.frames(MapState(0, "", document, {}, frames_version), wanted)
@@ -53,20 +93,21 @@ def commit_learnt(
         between=np.asarray(table["between"]),
         learns=[bool(one["learns"]) for one in document["drives"]],
     )
-    kept: dict[str, NDArray[Any]] = {key: array for key, array in arrays.items() if not key.startswith("condition.")}
+    kept: dict[str, NDArray[Any]] = {
+        key: array for key, array in before.arrays.items() if not key.startswith("condition.")
+    }
     new = dict(document)
-    if learns or not state.version:
+    if learns or not before.version:
         prior = shipped_prior(str(document["method_name"]), document["settings"])
         learnt = shown(
             progress,
             "learning from the drives",
-            lambda: learn(frames, light_of(arrays), int(document["dimensions"]), prior),
+            lambda: learn(frames, light_of(before.arrays), int(document["dimensions"]), prior),
         )
         kept |= {
             "weight": learnt.projection.weight.astype(np.float32),
             "bias": learnt.projection.bias.astype(np.float32),
-            "held_out.probability": learnt.probability,
-            "held_out.right": learnt.right.astype(np.uint8),
+            **learnt.held_out.to_arrays(),
         }
         new |= {"calibration": learnt.calibration.to_dict(), "learnt": learnt.known}
     projection = Projection(kept["weight"].astype(np.float64), kept["bias"].astype(np.float64))
@@ -76,7 +117,22 @@ def commit_learnt(
     kept |= {f"condition.{key}": array for key, array in model.to_arrays().items() if key != "conditions"}
     new["known_conditions"] = list(model.conditions)
     descriptors = tables.write_descriptors(projection.apply(features))
-    return tables.commit(state.version + 1, new, kept, frames_version, descriptors)
+    made = MapState.new(before.version + 1, new, kept, frames_version, descriptors)
+    tables.commit(made)
+    return made
+
+
+def drive_entry(name: str, condition: str, placement: Placement, *, learns: bool) -> dict[str, Any]:
+    """What a map's document says of a drive; an empty condition is the name."""
+    return {
+        "name": name,
+        "condition": condition or name,
+        "frames": len(placement.places),
+        "sure": int(placement.sure.sum()),
+        "how": placement.how,
+        "learns": learns,
+        "agreement": placement.agreement,
+    }
 
 
 def drive_rows(name: str, described: DescribedDrive, placement: Placement) -> dict[str, Any]:

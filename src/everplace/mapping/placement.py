@@ -51,6 +51,12 @@ class Placement:
     agreement: float | None = None
     seen: SurePairs | None = None
 
+    @classmethod
+    def first(cls, frames: int) -> Placement:
+        """Of a map's first drive, whose frames are its places."""
+        places = np.arange(frames)
+        return cls("first", places, places.astype(float), np.zeros(frames, np.bool_), np.full(frames, -1))
+
     @property
     def new(self) -> int:
         """How many places the drive adds to the map."""

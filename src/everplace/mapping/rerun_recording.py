@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+import os
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from everplace.errors import MissingExtraError
-from everplace.files import write_bytes
+from everplace.files import whole_file
 from everplace.images.decoding import resize_image
 from everplace.mapping.frame_stream import SeenFrame
 from everplace.mapping.localizer import Localizer
@@ -22,6 +26,7 @@ __all__ = ["BARS", "RerunRecording", "require_rerun", "rerun_recording"]
 BARS = 512
 """The belief along the route has at most so many bars; of a longer route each is the greatest of several places."""
 _QUALITY, _WIDTH = 85, 640
+_COPIED = 1 << 20
 _ARROW, _POINT = 0.05, 7.0
 """The arrow is as long as this share of the route's extent; the point has so many pixels."""
 
@@ -41,9 +46,10 @@ def require_rerun() -> Any:
 
 @contextlib.contextmanager
 def rerun_recording(path: Path, localizer: Localizer) -> Iterator[RerunRecording]:
-    """Gives a recording to add answers to; the file is written in the end.
+    """Gives a recording to add answers to, which is written meanwhile and appears whole in the end.
 
-    Until then memory holds it, at most some 100 KB a frame: the SDK's own writer can hang on a full disk.
+    Memory holds the index that stands at the file's end, some 0.3 KB for each of its parts, of which there are at most
+    some 60 a second.
 
     Args:
         path: The `.rrd` file.
@@ -53,12 +59,68 @@ def rerun_recording(path: Path, localizer: Localizer) -> Iterator[RerunRecording
         MissingExtraError: The Rerun SDK is not installed.
         StorageError: The disk is full or the place cannot be written to.
     """
-    rerun = require_rerun()
-    stream = rerun.RecordingStream("everplace")
-    held = stream.memory_recording()
-    stream.send_blueprint(_layout(), make_active=False)
-    yield RerunRecording(stream, localizer)
-    write_bytes(path, held.drain_as_bytes())
+    stream = require_rerun().RecordingStream("everplace")
+    with whole_file(path) as temporary, _saved(stream, temporary) as check:
+        stream.send_blueprint(_layout(), make_active=False)
+        yield RerunRecording(stream, localizer, check)
+
+
+@contextlib.contextmanager
+def _saved(stream: Any, path: Path) -> Iterator[Callable[[], None]]:
+    """Saves what a stream is given, until the end of the block; gives what raises the error of writing.
+
+    Where the disk is full the SDK waits for ever, so it writes into a pipe, and what comes out is written here.
+
+    Args:
+        stream: A `rerun.RecordingStream`.
+        path: The file.
+
+    Raises:
+        OSError: Writing failed.
+    """
+    if sys.platform == "win32":  # which has no such pipes
+        stream.save(path)
+        yield lambda: None
+        stream.disconnect()
+        return
+    with tempfile.TemporaryDirectory() as directory, path.open("wb") as file:
+        pipe = Path(directory, "recording.rrd")
+        os.mkfifo(pipe)
+        end = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)  # which waits for no writer
+        os.set_blocking(end, True)
+        stream.save(pipe)
+        copy = _Copy(end, file)
+        copy.start()
+        try:
+            yield copy.check
+        finally:
+            stream.disconnect()
+            copy.join()
+        copy.check()
+
+
+class _Copy(threading.Thread):
+    """Copies what comes out of a pipe to a file; goes on reading after an error, so that the writer does not wait."""
+
+    def __init__(self, pipe: int, file: BinaryIO) -> None:
+        super().__init__(daemon=True)
+        self._pipe, self._file = pipe, file
+        self._error: OSError | None = None
+
+    def run(self) -> None:
+        with os.fdopen(self._pipe, "rb", buffering=0) as pipe:
+            while data := pipe.read(_COPIED):
+                if self._error is None:
+                    try:
+                        self._file.write(data)
+                        self._file.flush()
+                    except OSError as error:
+                        self._error = error
+
+    def check(self) -> None:
+        """Raises the error that writing ended with."""
+        if self._error is not None:
+            raise self._error
 
 
 class RerunRecording:
@@ -68,14 +130,15 @@ class RerunRecording:
     `condition/NAME`, `belief/places` (a bar a place), and, where the map has poses, `route/DRIVE` and `route/match`.
     """
 
-    def __init__(self, stream: Any, localizer: Localizer) -> None:
+    def __init__(self, stream: Any, localizer: Localizer, check: Callable[[], None]) -> None:
         """Shows the map's route.
 
         Args:
             stream: A `rerun.RecordingStream`.
             localizer: What answers.
+            check: Raises the error of writing the file, if there is one.
         """
-        self._rerun, self._stream, self._localizer = require_rerun(), stream, localizer
+        self._rerun, self._stream, self._localizer, self._check = require_rerun(), stream, localizer, check
         table = localizer.map.frames("stem", "x", "y", "thumbnail")
         drives, stems = table["drive"].to_pylist(), table["stem"].to_pylist()
         self._thumbnails = table["thumbnail"]
@@ -86,7 +149,12 @@ class RerunRecording:
         self._show_route(np.array(drives), np.stack([np.asarray(table[name]) for name in ("x", "y")], axis=1))
 
     def add(self, frame: SeenFrame, seen: Observation) -> None:
-        """Shows a frame and what the localizer answered."""
+        """Shows a frame and what the localizer answered.
+
+        Raises:
+            OSError: What was added before cannot be written.
+        """
+        self._check()
         answer = seen.answer
         rerun, stream = self._rerun, self._stream
         stream.set_time("frame", sequence=self._number)

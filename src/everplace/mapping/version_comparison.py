@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.mapping.described_drive import DescribedDrive, describe_drive
+from everplace.mapping.drive_on_map import placed_on
 from everplace.mapping.drive_source import open_drive
 from everplace.mapping.localizer import Localizer
-from everplace.mapping.map_tables import as_matrix
+from everplace.mapping.map_columns import as_matrix
 from everplace.mapping.place_scores import PlaceFrames
 from everplace.mapping.placement import pairs_by_pose
 from everplace.mapping.route_map import Map
@@ -105,7 +106,7 @@ def _known_places(newest: Map, described: DescribedDrive) -> NDArray[np.int64]:
         pairs = pairs_by_pose(described.poses, poses)
         true[pairs.frames] = order.places[pairs.places]
         return true
-    placement = newest.placement(described)
+    placement = placed_on(newest, described, "auto")
     return np.where(placement.sure, placement.places, -1) if placement.how == "names" else true
 
 

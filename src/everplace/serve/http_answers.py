@@ -78,7 +78,7 @@ class ConditionTable(BaseModel):
 
 
 class PrecisionRow(BaseModel):
-    """Held-out answers of at least this probability: the share that is right, and the share of all that this is."""
+    """Held-out answers of at least this probability: which share is right, and of all frames on the map is found."""
 
     threshold: float
     precision: float

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from everplace.mapping.localizer import Localizer
-from everplace.mapping.map_tables import Thumbnails
 from everplace.mapping.route_map import Map
+from everplace.mapping.thumbnails import Thumbnails
 from everplace.serve.map_summary import map_summary
 from everplace.serve.query_translation import QueryTranslation
 from everplace.serve.refusal import RefusedError

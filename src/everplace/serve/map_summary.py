@@ -116,12 +116,16 @@ def _learned(map_: Map, of_drive: NDArray[np.str_], places: NDArray[np.int64]) -
 
 
 def _precision(map_: Map) -> list[dict[str, float]] | None:
-    """At falling thresholds of the probability, how many of the held-out answers are right, and how many are found."""
-    probability, right = map_.held_out_answers
+    """At falling thresholds of the probability, which share of the held-out answers is right, and what is found.
+
+    Recall is among the frames that are on the map: where it hides a place, nothing can be found.
+    """
+    held_out = map_.held_out_answers
+    probability, right = held_out.probability, held_out.right
     if map_.calibration.provisional or not len(probability):
         return None
     order = np.argsort(-probability, kind="stable")
-    found = np.cumsum(right[order])
+    found, on_map = np.cumsum(right[order]), max(int(held_out.on_map.sum()), 1)
     ends = np.append(np.flatnonzero(np.diff(probability[order])), len(order) - 1)  # equal ones are accepted at once
     if len(ends) > _MOST_ROWS:
         ends = ends[np.linspace(0, len(ends) - 1, _MOST_ROWS).round().astype(np.int64)]
@@ -129,7 +133,7 @@ def _precision(map_: Map) -> list[dict[str, float]] | None:
         {
             "threshold": float(probability[order][end]),
             "precision": float(found[end] / (end + 1)),
-            "recall": float(found[end] / len(order)),
+            "recall": float(found[end] / on_map),
         }
         for end in ends.tolist()
     ]

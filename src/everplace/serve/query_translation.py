@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.images.decoding import ImageSpec, convert_image, decode_encoded
-from everplace.mapping.map_tables import Thumbnails
 from everplace.mapping.route_map import Map
+from everplace.mapping.thumbnails import Thumbnails
 from everplace.route.selection import spread
 from everplace.serve.refusal import RefusedError
 

@@ -13,7 +13,7 @@ import pytest
 from tests.importing.packing import pack_files
 
 from everplace.errors import RouteError
-from everplace.importing.containers import archive_tree, archives
+from everplace.importing.containers import archive_listing, archives
 from everplace.importing.containers.archive_tree import ArchivePath, open_trees
 from everplace.importing.foreign_route import Encoded
 
@@ -124,7 +124,7 @@ def test_what_is_not_kept_is_read_again_up_to_a_limit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str
 ) -> None:
     files = [("small.txt", b"s"), ("list.txt", b"0" * 100), ("large.txt", b"0" * 1000), ("1.png", b"1")]
-    monkeypatch.setattr(archive_tree, "_MOST_KEPT", 10)
+    monkeypatch.setattr(archive_listing, "_MOST_KEPT", 10)
     monkeypatch.setattr(archives, "MAX_FILE_BYTES", 100)
     path = pack_files(tmp_path / f"a.{form}", files)
     tree = ArchivePath(path)
