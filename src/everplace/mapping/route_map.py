@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from everplace.adaptation.discriminant import Projection
+from everplace.choices import Engine
 from everplace.describe.describer import Describer
+from everplace.describe.on_cluster import ClusterDescriber, seen_by_all
 from everplace.describe.reduced import reduced, unreduced
 from everplace.describe.registry import open_describer
 from everplace.describe.runs.adapted import AdaptedDescriber
@@ -107,6 +109,7 @@ class Map:
         method: str = "",
         dimensions: int = 96,
         poses: str | os.PathLike[str] | None = None,
+        engine: Engine = "local",
         progress: Progress = quiet,
     ) -> Map:
         """Makes a map from one drive.
@@ -119,6 +122,7 @@ class Map:
             method: What describes frames; empty: `default_method`.
             dimensions: Numbers of a descriptor; lowered to the places less one.
             poses: CSV file of where the frames were taken, in place of what the drive says.
+            engine: What describes the frames: "local", or "ray" with a directory of images that all machines see.
             progress: Told of the frames.
 
         Raises:
@@ -131,9 +135,10 @@ class Map:
             require_free(tables)
             describer = reduced(open_describer(method or default_method(), progress=progress))
             require_standardisable(describer.method, describer.metric)
-            drive_frames = open_drive(drive, fixes=poses is None)
+            drive_frames = open_drive(drive if engine == "local" else seen_by_all(drive), fixes=poses is None)
             name = name or drive_frames.name
-            described = describe_drive(drive_frames, describer, progress, in_other_light=True)
+            asked = describer if engine == "local" else ClusterDescriber(method or default_method(), for_maps=True)
+            described = describe_drive(drive_frames, asked, progress, in_other_light=True)
             if len(described) < 3:
                 raise MapError(f"the drive {name!r} has {len(described)} frames; a map needs 3 or more")
             described = with_poses(described, poses)
