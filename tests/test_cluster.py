@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import logging
 import os
-import signal
 import subprocess
 import sys
-import time
 import warnings
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +23,7 @@ from everplace.errors import ConfigError, DescriptorsError, ImageError, MachineE
 from everplace.mapping.route_map import Map
 from everplace.route.folder import open_traverse
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::DeprecationWarning:ray")]
 
 
 @pytest.fixture(scope="module")
@@ -59,42 +56,23 @@ def _squared(number: int) -> int:
     return number * number
 
 
-def dying(marker: Path) -> Callable[[int], int]:
-    return partial(_dying, marker)
-
-
-def _dying(marker: Path, number: int) -> int:
-    if number == 5 and not marker.exists():
-        marker.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return -number
-
-
-def test_results_come_in_order_and_warnings_with_them(cluster: str) -> None:
+def test_results_and_warnings_come_in_order_until_a_block_raises(cluster: str) -> None:
+    results = map_on_cluster(squared, range(16))
     with pytest.warns(UserWarning, match="seven"):
-        assert list(map_on_cluster(squared, range(12))) == [number * number for number in range(12)]
-
-
-def test_an_error_is_that_of_the_block(cluster: str) -> None:
+        found = [next(results) for _ in range(13)]
+    assert found == [number * number for number in range(13)]
     with pytest.raises(DescriptorsError, match=r"^thirteen is not squared here$"):
-        list(map_on_cluster(squared, range(12, 16)))
-
-
-def test_a_killed_worker_costs_no_result(cluster: str, tmp_path: Path) -> None:
-    marker = tmp_path / "died"
-    assert list(map_on_cluster(partial(dying, marker), range(30))) == [-number for number in range(30)]
-    assert marker.exists()
+        next(results)
 
 
 def test_nothing_is_computed_of_no_block(cluster: str) -> None:
     assert list(map_on_cluster(squared, [])) == []
 
 
-@pytest.mark.parametrize("batch", [None, 7])
-def test_descriptors_are_those_of_one_process(cluster: str, summer: Path, batch: int | None) -> None:
+def test_descriptors_are_those_of_one_process(cluster: str, summer: Path) -> None:
     drive = open_traverse(summer)
-    found = ClusterDescriber("hog16").describe(drive, batch=batch)
-    wanted = open_describer("hog16").describe(drive, batch=batch)
+    found = ClusterDescriber("hog16").describe(drive, batch=7)
+    wanted = open_describer("hog16").describe(drive)
     np.testing.assert_array_equal(found.values, wanted.values)
     for name in ("names", "image_names", "method", "metric", "settings"):
         assert getattr(found, name) == getattr(wanted, name)
@@ -179,13 +157,13 @@ def test_without_ray_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_cluster_that_is_not_there_is_said_in_one_sentence(summer: Path, tmp_path: Path) -> None:
     pytest.importorskip("ray", reason="needs the extra ray")
     command = [sys.executable, "-m", "everplace", "describe", "hog16", str(summer), "--engine", "ray"]
-    begun = time.monotonic()
     done = subprocess.run(
         [*command, "--out", str(tmp_path / "a.h5")], capture_output=True, text=True, check=False,
         env={**os.environ, "RAY_ADDRESS": "127.0.0.1:9"},
     )  # fmt: skip
     assert done.returncode == MachineError.exit_status, done.stderr
-    assert "everplace: the Ray cluster" in done.stderr
-    assert "Traceback" not in done.stderr
-    assert time.monotonic() > begun
+    assert done.stderr.count("\n") == 1
+    assert (
+        "the Ray cluster at 127.0.0.1:9, which RAY_ADDRESS names, cannot be reached (Connection refused)" in done.stderr
+    )
     assert not (tmp_path / "a.h5").exists()

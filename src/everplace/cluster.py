@@ -6,6 +6,7 @@ import importlib.util
 import logging
 import os
 import pickle
+import socket
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, TypeVar
@@ -16,6 +17,7 @@ __all__ = ["map_on_cluster", "require_ray"]
 
 T = TypeVar("T")
 R = TypeVar("R")
+_CONNECT_SECONDS = 10
 
 
 def require_ray() -> None:
@@ -48,6 +50,7 @@ def map_on_cluster(prepare: Callable[[], Callable[[T], R]], blocks: Iterable[T])
     import ray
     import ray.data
 
+    _require_reachable(os.environ.get("RAY_ADDRESS", ""))
     rows = [{"number": number, "block": pickle.dumps(block)} for number, block in enumerate(blocks)]
     if not rows:
         return
@@ -67,6 +70,21 @@ def map_on_cluster(prepare: Callable[[], Callable[[T], R]], blocks: Iterable[T])
             yield _result(row["result"])
     except (ConnectionError, ray.exceptions.RayError) as error:
         raise MachineError(f"the Ray cluster failed: {str(error).strip().splitlines()[-1]}") from error
+
+
+def _require_reachable(address: str) -> None:
+    """Makes sure at once that somebody listens there; Ray itself tries for minutes, with words of its own."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not host or not port.isdecimal():
+        return
+    try:
+        socket.create_connection((host, int(port)), timeout=_CONNECT_SECONDS).close()
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise MachineError(
+            f"the Ray cluster at {address}, which RAY_ADDRESS names, cannot be reached ({reason}); start it with `ray "
+            "start --head`, or unset RAY_ADDRESS to use this machine"
+        ) from None
 
 
 class _Worker:
