@@ -8,6 +8,7 @@ __all__ = [
     "SEQUENCE_METHODS",
     "AlignedBy",
     "DescriptorFormat",
+    "Engine",
     "MatchFormat",
     "ScoreKind",
     "SequenceMethod",
@@ -24,6 +25,9 @@ SEQUENCE_METHODS: tuple[SequenceMethod, ...] = get_args(SequenceMethod)
 
 DescriptorFormat: TypeAlias = Literal["everplace", "hloc"]
 """Layouts of a file of descriptors."""
+
+Engine: TypeAlias = Literal["local", "ray"]
+"""What describes: this process, or a cluster (`everplace.cluster`)."""
 
 MatchFormat: TypeAlias = Literal["csv", "hloc-pairs", "kapture"]
 """See `everplace.match.match_file`."""

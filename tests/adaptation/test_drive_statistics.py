@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
 from functools import reduce
 from itertools import permutations
 
@@ -29,6 +31,26 @@ def test_the_order_of_drives_does_not_matter() -> None:
     for order in permutations(drives):
         found = reduce(DriveStatistics.__add__, order, DriveStatistics.none(4))
         np.testing.assert_allclose(flat(found), wanted, atol=1e-12)
+
+
+def of_blocks(places: np.ndarray[tuple[int, ...], np.dtype[np.float32]], weights: list[float]) -> DriveStatistics:
+    """What a worker knows of the frames that it described: every other frame is seen in other light, too."""
+    light = half_differences(places[::2], places[::2] * np.float32(0.7))
+    return DriveStatistics(Moments.of(places, np.array(weights)), Moments.of(light), Moments.none(places.shape[1]))
+
+
+def test_those_of_workers_merge_to_those_of_one_machine() -> None:
+    rng = np.random.default_rng(5)
+    places = rng.normal(size=(2400, 24)).astype(np.float32)
+    weights = rng.uniform(0.1, 1, len(places))
+    wanted = of_blocks(places, weights.tolist())
+    spawning = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(2, mp_context=spawning) as workers:
+        blocks = [slice(start, start + 600) for start in range(0, len(places), 600)]
+        parts = list(workers.map(of_blocks, [places[one] for one in blocks], [weights[one].tolist() for one in blocks]))
+    for order in (parts, parts[::-1]):
+        merged = reduce(DriveStatistics.__add__, order, DriveStatistics.none(24))
+        np.testing.assert_allclose(flat(merged), flat(wanted), rtol=1e-12, atol=1e-10)
 
 
 def test_each_sum_stays_its_own() -> None:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from everplace.choices import DescriptorFormat
-from everplace.cli.options import Json, OutFile, given_pairs
+from everplace.cli.options import EngineOption, Json, OutFile, given_pairs
 from everplace.cli.output import (
     require_file,
     require_no_frame,
@@ -48,6 +48,7 @@ def describe(
             "--set", metavar="NAME=VALUE", help="An option of a video or bag, such as every_seconds=0.5; see data list."
         ),
     ] = None,
+    engine: EngineOption = "local",
     as_json: Json = False,
 ) -> None:
     """Describe every image of a directory, or every frame of a video; FILE.h5 gets the descriptors and the names.
@@ -65,8 +66,8 @@ def describe(
     below = _below(images, image_root)
     options = given_pairs(settings)
     from everplace.describe.described_file import describe_to_file
+    from everplace.describe.on_cluster import open_with
     from everplace.describe.recorded_frames import RecordedFrames, is_recording, open_recording
-    from everplace.describe.registry import open_describer
     from everplace.route.folder import open_traverse
 
     opened = open_recording(images, options) if is_recording(images) else open_traverse(images)
@@ -75,7 +76,7 @@ def describe(
             raise ConfigError(f"--image-root names image files, which {readable(images)} does not hold; leave it out")
     elif options:
         raise ConfigError(f"--set is for videos and bags, and {readable(images)} holds images; leave it out")
-    describer = open_describer(method, progress=show_progress())
+    describer = open_with(engine, method, show_progress())
     count = describe_to_file(
         describer, opened, out, layout=file_format, directory=below, batch=batch, progress=show_progress()
     )

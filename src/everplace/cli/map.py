@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from everplace.cli.options import Json
+from everplace.cli.options import EngineOption, Json
 from everplace.cli.output import provenance, require_directory, require_file, show_progress, show_result, warn
 from everplace.errors import MapError
 from everplace.files import readable
@@ -42,6 +42,7 @@ def create(
     ] = "",
     dimensions: Annotated[int, typer.Option("--dimensions", min=1, metavar="D", help="Numbers of a descriptor.")] = 96,
     poses: Poses = None,
+    engine: EngineOption = "local",
     as_json: Json = False,
 ) -> None:
     """Make a map from one drive, without training.
@@ -52,7 +53,7 @@ def create(
 
     made = Map.create(
         map_, drive, name=name, condition=condition, method=method, dimensions=dimensions, poses=poses,
-        progress=show_progress(),
+        engine=engine, progress=show_progress(),
     )  # fmt: skip
     show_result(made.info(), as_json)
 

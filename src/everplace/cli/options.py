@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from everplace.choices import SequenceMethod, Standardisation
+from everplace.choices import Engine, SequenceMethod, Standardisation
 from everplace.errors import ConfigError
 
 __all__ = [
@@ -44,6 +44,10 @@ RouteArgument = Annotated[Path, typer.Argument(metavar="ROUTE", help="Directory 
 OutDirectory = Annotated[Path, typer.Option("--out", metavar="DIR", help="Directory to write to.")]
 OutFile = Annotated[Path, typer.Option("--out", metavar="FILE", help="File to write.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
+EngineOption = Annotated[
+    Engine,
+    typer.Option("--engine", help="ray: describe on the Ray cluster that RAY_ADDRESS names, else on this machine."),
+]
 Method = Annotated[str, typer.Option("--method", metavar="METHOD", help="A run directory, or sad, hog, ...")]
 Conditions = Annotated[
     str, typer.Option("--conditions", metavar="A,B", help="Traverses or conditions that take part [all].")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import contextlib
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from everplace.model.condition_vae import ConditionVAE
 
 __all__ = ["Describer", "PassingDescriptors", "require_no_argument"]
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 @dataclass(frozen=True)
@@ -180,7 +183,7 @@ class Describer(ABC):
             passed: list[str] = []
             drive = images.drive
             rows = progress(
-                self._rows(images.pixels(self.image, passed), batch), f"describing {drive.name}", drive.count
+                self.rows(images.pixels(self.image, passed), batch), f"describing {drive.name}", drive.count
             )
             return PassingDescriptors(iter(rows), drive.count, passed, None, images.path)
         names: tuple[str, ...]
@@ -195,10 +198,27 @@ class Describer(ABC):
             decoded = (convert_image(array, self.image) for array in arrays)
         if not names:
             raise RouteError("there are no images to describe; choose a directory or frames that hold some")
-        rows = progress(self._rows(decoded, batch), "describing", len(names))
+        rows = progress(self.rows(decoded, batch), "describing", len(names))
         return PassingDescriptors(iter(rows), len(names), names, image_names, source)
 
-    def _rows(self, images: Iterator[NDArray[np.uint8]], batch: int) -> Iterator[NDArray[np.float32]]:
+    def map_blocks(self, work: Callable[[Describer, T], R], blocks: Iterable[T]) -> Iterator[R]:
+        """Does work that needs this method with one block after the other.
+
+        Args:
+            work: Called with the method and a block; a function of a module, or `partial` of one.
+            blocks: Read as the results are.
+
+        Yields:
+            The results, in the order of the blocks.
+        """
+        return (work(self, block) for block in blocks)
+
+    def rows(self, images: Iterator[NDArray[np.uint8]], batch: int) -> Iterator[NDArray[np.float32]]:
+        """Yields the (D,) descriptor of every image, which are as `image` says, in batches of at most `batch`.
+
+        Raises:
+            DescriptorsError: The method gives arrays of another shape.
+        """
         with contextlib.closing(gather_batches(images, batch)) as batches:
             for gathered in batches:
                 values, wanted = self.describe_batch(gathered), (len(gathered), self.dimension)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import chain
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -22,6 +25,7 @@ from everplace.importing.frame_pixels import decode_content
 from everplace.mapping.drive_source import DriveFrames
 from everplace.mapping.image_statistics import image_statistics
 from everplace.progress import Progress, quiet
+from everplace.route.traverse import Pose
 
 __all__ = ["DescribedDrive", "describe_drive", "how_it_looks", "light_moments", "thumbnail"]
 
@@ -80,39 +84,61 @@ def describe_drive(
     features: list[NDArray[np.float16]] = []
     looks: list[NDArray[np.float32]] = []
     kept = _Thinned(_LIGHT_FRAMES)
-    for batch in _batches(progress(drive.frames, f"describing {drive.name}", drive.count), describer.batch):
-        images = []
-        for frame in batch:
-            whole = decode_content(frame, _COLOUR)
-            thumbnails.append(thumbnail(whole))
-            looks.append(how_it_looks(whole))
-            images.append(convert_image(whole, describer.image))
-            stems.append(frame.stem)
-            poses.append(frame.pose or (np.nan,) * 3)
-            seconds.append(np.nan if frame.seconds is None else frame.seconds)
-        described = describer.describe_batch(np.stack(images))
-        with np.errstate(over="ignore"):  # which is looked for
-            halves = described.astype(np.float16)
-        if not np.isfinite(halves).all():
+    parts = describer.map_blocks(partial(_described, keep=in_other_light), _batches(drive.frames, describer.batch))
+    for frame in progress(chain.from_iterable(parts), f"describing {drive.name}", drive.count):
+        stems.append(frame.stem)
+        poses.append(frame.pose or (np.nan,) * 3)
+        seconds.append(np.nan if frame.seconds is None else frame.seconds)
+        thumbnails.append(frame.thumbnail)
+        looks.append(frame.looks)
+        if not np.isfinite(frame.features).all():
             raise DescriptorsError(
                 f"{describer.method} gives numbers that are not finite, or beyond 65,504, of {readable(drive.name)}; a "
                 "map keeps them in 16 bits: choose another method"
             )
-        features.append(halves)
-        if in_other_light:
-            kept.extend(images)
+        features.append(frame.features)
+        if frame.image is not None:
+            kept.add(frame.image)
     if not stems:
         raise RouteError(f"the drive {drive.name!r} holds no frame; give another")
     light = light_moments(kept.items, describer, progress) if in_other_light else None
     return DescribedDrive(
         tuple(stems),
-        np.concatenate(features),
+        np.stack(features),
         np.stack(looks),
         np.array(poses, float),
         np.array(seconds, float),
         tuple(thumbnails),
         light,
     )
+
+
+class _DescribedFrame(NamedTuple):
+    """What is kept of a frame, and its image where it may be looked at in other light."""
+
+    stem: str
+    pose: Pose | None
+    seconds: float | None
+    thumbnail: bytes
+    looks: NDArray[np.float32]
+    features: NDArray[np.float16]
+    image: NDArray[np.uint8] | None
+
+
+def _described(describer: Describer, frames: Sequence[ForeignFrame], *, keep: bool) -> list[_DescribedFrame]:
+    """Reads and describes one batch."""
+    thumbnails, looks, images = [], [], []
+    for frame in frames:
+        whole = decode_content(frame, _COLOUR)
+        thumbnails.append(thumbnail(whole))
+        looks.append(how_it_looks(whole))
+        images.append(convert_image(whole, describer.image))
+    with np.errstate(over="ignore"):  # which is looked for
+        halves = describer.describe_batch(np.stack(images)).astype(np.float16)
+    return [
+        _DescribedFrame(frame.stem, frame.pose, frame.seconds, small, look, row, image if keep else None)
+        for frame, small, look, row, image in zip(frames, thumbnails, looks, halves, images, strict=True)
+    ]
 
 
 def how_it_looks(image: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -137,14 +163,13 @@ class _Thinned:
         self.items: list[NDArray[np.uint8]] = []
         self._fewer_than, self._stride, self._seen = fewer_than, 1, 0
 
-    def extend(self, images: list[NDArray[np.uint8]]) -> None:
-        for image in images:
-            if self._seen % self._stride == 0:
-                self.items.append(image)
-            self._seen += 1
-            if len(self.items) == self._fewer_than:
-                self.items = self.items[::2]
-                self._stride *= 2
+    def add(self, image: NDArray[np.uint8]) -> None:
+        if self._seen % self._stride == 0:
+            self.items.append(image)
+        self._seen += 1
+        if len(self.items) == self._fewer_than:
+            self.items = self.items[::2]
+            self._stride *= 2
 
 
 def light_moments(images: Sequence[NDArray[np.uint8]], describer: Describer, progress: Progress = quiet) -> Moments:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from everplace.choices import Engine
+from everplace.describe.on_cluster import ClusterDescriber, seen_by_all
 from everplace.describe.reduced import reduced
 from everplace.describe.registry import open_describer
 from everplace.errors import ConfigError, EverplaceError, MapError, StoppedError, StorageError
@@ -96,6 +98,7 @@ class Map(MapVersion):
         method: str = "",
         dimensions: int = 96,
         poses: str | os.PathLike[str] | None = None,
+        engine: Engine = "local",
         progress: Progress = quiet,
     ) -> Map:
         """Makes a map from one drive.
@@ -108,6 +111,7 @@ class Map(MapVersion):
             method: What describes frames; empty: `default_method`.
             dimensions: Numbers of a descriptor; lowered to the places less one.
             poses: CSV file of where the frames were taken, in place of what the drive says.
+            engine: What describes the frames: "local", or "ray" with a directory of images that all machines see.
             progress: Told of the frames.
 
         Raises:
@@ -120,9 +124,10 @@ class Map(MapVersion):
             require_free(tables)
             describer = reduced(open_describer(method or default_method(), progress=progress))
             require_standardisable(describer.method, describer.metric)
-            source = open_drive(drive, fixes=poses is None)
+            source = open_drive(drive if engine == "local" else seen_by_all(drive), fixes=poses is None)
             name = name or source.name
-            described = describe_drive(source, describer, progress, in_other_light=True)
+            asked = describer if engine == "local" else ClusterDescriber(method or default_method(), for_maps=True)
+            described = describe_drive(source, asked, progress, in_other_light=True)
             if len(described) < 3:
                 raise MapError(f"the drive {name!r} has {len(described)} frames; a map needs 3 or more")
             described = with_poses(described, poses)
