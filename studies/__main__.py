@@ -31,6 +31,7 @@ from studies import (
     living_map,
     map_kills,
     prior,
+    quantised,
     sequences,
     teaching,
 )
@@ -54,6 +55,7 @@ def study() -> None:
         "prior": prior.main,
         "ablation": ablation.main,
         "adaptation": adaptation.main,
+        "quantised": quantised.main,
         "living_map": living_map.main,
         "first_map": first_map.main,
         "map_kills": map_kills.main,
