@@ -1,0 +1,102 @@
+"""One query against large maps: FAISS's exact search and the graph (HNSW), how many of the ten best it finds, how fast.
+
+The map's descriptors are made as `benchmarks.made_map` says, four drives of each place. The graph is built as on a real
+map. Of the efforts (efSearch), the least that finds 0.99 is chosen with half of the queries; it and the effort of a
+localizer, who wants 256 frames and not ten, are measured with the other half. Queries come one by one, in one thread.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import faiss
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.made_map import MadeMap
+from benchmarks.ratio import Ratio
+from everplace.mapping.frame_graph import EFFORT, FrameGraph
+
+SIZES = (10_000, 100_000)
+DRIVES, QUERIES, EXACT_QUERIES, BEST = 4, 1000, 100, 10
+EFFORTS = (32, 48, 64, 96, 128, 192, 256, 384, 512)
+RECALL = 0.99
+P99_MS = 1.0
+
+
+def measure(scratch: Path, sizes: Sequence[int] = SIZES) -> list[Ratio]:
+    return [row for frames in sizes for row in _of_size(frames, scratch)]
+
+
+def _of_size(frames: int, scratch: Path) -> list[Ratio]:
+    made = MadeMap(frames // DRIVES, DRIVES)
+    exact = faiss.IndexFlatIP(made.vectors.shape[1])
+    exact.add(made.vectors)
+    queries = made.queries(QUERIES)
+    _, best = exact.search(queries, BEST)
+    exact_ms, _ = _each(lambda query: exact.search(query[None], BEST)[1][0], queries[:EXACT_QUERIES], best)
+    start = time.perf_counter()
+    graph = FrameGraph.kept(made.vectors, [scratch])
+    built = time.perf_counter() - start
+    kept = sum(path.stat().st_size for path in scratch.glob("*.hnsw"))
+    asked, known = queries[QUERIES // 2 :], best[QUERIES // 2 :]
+
+    def by(effort: int) -> Callable[[NDArray[np.float32]], NDArray[np.int64]]:
+        return lambda query: graph.nearest(query, BEST, effort=effort)
+
+    enough = (
+        effort for effort in EFFORTS if _each(by(effort), queries[: QUERIES // 2], best[: QUERIES // 2])[1] >= RECALL
+    )
+    efforts = {next(enough, EFFORT): "the least", EFFORT: "a localizer's"}
+    vectors = made.vectors.nbytes
+    what = f"{frames:,} frames by a graph"
+    rows = [
+        Ratio(
+            f"{what}: bytes",
+            f"{kept / 1e6:.0f} MB, built and kept in {built:.0f} s",
+            f"{vectors / 1e6:.0f} MB of numbers alone",
+            kept / vectors,
+            at_most=1.5,
+        )
+    ]
+    for effort, kind in efforts.items():
+        ms, recall = _each(by(effort), asked, known)
+        named = f"{what}, efSearch {effort} ({kind})"
+        rows += [
+            Ratio(
+                f"{named}: recall@{BEST}",
+                f"{recall:.4f} of the {BEST} best",
+                "the exact search",
+                recall,
+                at_least=RECALL,
+            ),
+            Ratio(
+                f"{named}: p99",
+                f"{_p99(ms):.2f} ms, median {np.median(ms):.2f} ms",
+                f"{P99_MS:.0f} ms; exact {_p99(exact_ms):.2f} ms, median {np.median(exact_ms):.2f} ms",
+                _p99(ms) / P99_MS,
+                at_most=1.0,
+            ),
+        ]
+    return rows
+
+
+def _each(
+    search: Callable[[NDArray[np.float32]], NDArray[np.int64]],
+    queries: NDArray[np.float32],
+    best: NDArray[np.int64],
+) -> tuple[NDArray[np.float64], float]:
+    """Milliseconds of every query, and the share of the best that is found."""
+    ms, shares = np.empty(len(queries)), np.empty(len(queries))
+    for number, query in enumerate(queries):
+        start = time.perf_counter()
+        found = search(query)
+        ms[number] = 1000 * (time.perf_counter() - start)
+        shares[number] = np.isin(best[number], found).mean()
+    return ms, float(shares.mean())
+
+
+def _p99(ms: NDArray[np.float64]) -> float:
+    return float(np.percentile(ms, 99))
