@@ -12,6 +12,7 @@ from rich.table import Table
 
 from benchmarks import (
     augmenting,
+    bandwidth,
     beside_work,
     describing,
     fabmap,
@@ -20,6 +21,7 @@ from benchmarks import (
     methods,
     opening,
     scores,
+    search,
     sequences,
     serving,
     training,
@@ -30,12 +32,14 @@ STUDIES = {
     "training": training.measure,
     "augmenting": augmenting.measure,
     "describing": describing.measure,
+    "bandwidth": bandwidth.measure,
     "beside-work": beside_work.measure,
     "memory": memory.measure,
     "fabmap": fabmap.measure,
     "opening": opening.measure,
     "scores": scores.measure,
     "sequences": sequences.measure,
+    "search": search.measure,
     "large-map": large_map.measure,
     "serving": serving.measure,
 }
@@ -46,6 +50,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"which ones: {', '.join(names)} (default: all)")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    parser.add_argument(
+        "--frames",
+        type=int,
+        nargs="+",
+        metavar="N",
+        default=search.SIZES,
+        help="sizes of the maps of `search` (default: %(default)s); building a graph of 1,000,000 takes minutes",
+    )
     given = parser.parse_args()
     if unknown := set(given.names) - set(names):
         parser.error(f"there is no benchmark {min(unknown)!r}; choose {', '.join(names)}")
@@ -55,6 +67,8 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as scratch:
             if name == "methods":
                 costs = methods.measure(Path(scratch))
+            elif name == "search":
+                rows += search.measure(Path(scratch), given.frames)
             else:
                 rows += STUDIES[name](Path(scratch))
     if given.json:
