@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import tempfile
+import time
 from pathlib import Path
 
 from rich.console import Console
@@ -64,6 +66,7 @@ def main() -> None:
     rows: list[Ratio] = []
     costs: list[methods.MethodCosts] = []
     for name in given.names or names:
+        start = time.perf_counter()
         with tempfile.TemporaryDirectory() as scratch:
             if name == "methods":
                 costs = methods.measure(Path(scratch))
@@ -71,6 +74,7 @@ def main() -> None:
                 rows += search.measure(Path(scratch), given.frames)
             else:
                 rows += STUDIES[name](Path(scratch))
+        print(f"{name}: {time.perf_counter() - start:.0f} s", file=sys.stderr)
     if given.json:
         print(json.dumps([*(row.to_dict() for row in rows), *(row.to_dict() for row in costs)], indent=2))
         return
