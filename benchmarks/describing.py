@@ -6,8 +6,8 @@ weights are random where only time is measured.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,9 @@ from PIL import Image
 from torch import nn
 
 from benchmarks.ratio import Ratio
+from benchmarks.turns import by_turns
 from everplace.adaptation.oriented_gradients import OrientedGradients
+from everplace.describe.describer import Describer
 from everplace.describe.methods.alexnet import alexnet_features
 from everplace.describe.methods.hog import HOG
 from everplace.describe.methods.vgg19 import vgg19_features
@@ -30,6 +32,7 @@ from everplace.model.pixels import to_input
 from everplace.render.render_config import render_config
 from everplace.render.rendered_route import render_route
 from everplace.route.folder import open_traverse
+from everplace.route.traverse import Traverse
 
 ROUNDS = 5
 ONE_FRAME_ROUNDS = 11
@@ -62,15 +65,8 @@ def _one_frame() -> list[Ratio]:
         "AlexNet conv3": lambda: by(alexnet),
         "VGG19 pool4": lambda: by(vgg19),
     }
-    seconds: dict[str, list[float]] = {name: [] for name in work}
-    for _ in range(ONE_FRAME_ROUNDS):  # by turns, so that a busy machine slows all
-        for name, describe in work.items():
-            for frame_number in range(2 * WARM):
-                start = time.perf_counter()
-                describe()
-                if frame_number >= WARM:  # the caches are warm, as they are in a loop over frames
-                    seconds[name].append(time.perf_counter() - start)
-    took = {name: 1000 * float(np.median(of)) for name, of in seconds.items()}
+    seconds = by_turns(work, ONE_FRAME_ROUNDS, WARM, WARM)
+    took = {name: 1000 * of for name, of in seconds.items()}
 
     def row(what: str, against: str, at_least: float | None = None, at_most: float | None = None) -> Ratio:
         figures = (f"{what} {took[what]:.2f} ms", f"{against} {took[against]:.2f} ms", took[what] / took[against])
@@ -96,28 +92,23 @@ def _files(scratch: Path) -> Ratio:
     traverse = open_traverse(scratch / "route" / "summer")
     describer = _describer(kind="c-vae")
     images = np.stack(list(decode_images(traverse.paths, describer.image)))
-    describer.describe(traverse, batch=BATCH)
-    decoding, network, whole = [], [], []
-    for _ in range(ROUNDS):
-        start = time.perf_counter()
-        for _image in decode_images(traverse.paths, describer.image):
-            pass
-        decoding.append(time.perf_counter() - start)
-        start = time.perf_counter()
+
+    def network() -> None:
         for first in range(0, len(images), BATCH):
             describer.describe_batch(images[first : first + BATCH])
-        network.append(time.perf_counter() - start)
-        start = time.perf_counter()
-        describer.describe(traverse, batch=BATCH)
-        whole.append(time.perf_counter() - start)
-    bound = float(np.median(decoding)) + float(np.median(network))
-    taken = float(np.median(whole))
+
+    work: dict[str, Callable[[], object]] = {
+        "decoding": partial(_decode, traverse, describer),
+        "network": network,
+        "both": partial(describer.describe, traverse, batch=BATCH),
+    }
+    decoding, alone, taken = by_turns(work, ROUNDS).values()
     return Ratio(
         "describing JPEGs of 640×480, Table 1",
         f"{len(images) / taken:.0f} images/s end to end",
-        f"{len(images) / bound:.0f} images/s, decoding {1000 * np.median(decoding) / len(images):.1f} ms + network "
-        f"{1000 * np.median(network) / len(images):.1f} ms",
-        bound / taken,
+        f"{len(images) / (decoding + alone):.0f} images/s, decoding {1000 * decoding / len(images):.1f} ms + network "
+        f"{1000 * alone / len(images):.1f} ms",
+        (decoding + alone) / taken,
         at_least=0.9,
     )
 
@@ -136,16 +127,11 @@ def _decoding_bound(scratch: Path) -> list[Ratio]:
             Image.open(path).resize((width, height)).save(drive / path.name, quality=90)
         traverse = open_traverse(drive)
         for name, describer in (("hog16", open_describer("hog16")), ("best", best)):
-            decoding, whole = [], []
-            for _ in range(ROUNDS):
-                start = time.perf_counter()
-                for _image in decode_images(traverse.paths, describer.image):
-                    pass
-                decoding.append(time.perf_counter() - start)
-                start = time.perf_counter()
-                describer.describe(traverse)
-                whole.append(time.perf_counter() - start)
-            alone, taken = float(np.median(decoding)), float(np.median(whole))
+            kinds: dict[str, Callable[[], object]] = {
+                "decoding": partial(_decode, traverse, describer),
+                "both": partial(describer.describe, traverse),
+            }
+            alone, taken = by_turns(kinds, ROUNDS).values()
             rows.append(
                 Ratio(
                     f"describing JPEGs of {width}×{height}, {name}",
@@ -156,3 +142,8 @@ def _decoding_bound(scratch: Path) -> list[Ratio]:
                 )
             )
     return rows
+
+
+def _decode(traverse: Traverse, describer: Describer) -> None:
+    for _image in decode_images(traverse.paths, describer.image):
+        pass

@@ -15,7 +15,7 @@ from everplace.match.similarity import similarity
 
 FRAMES = 6400
 BLOCK = 256
-ROUNDS = 3
+ROUNDS = 2
 
 
 def measure(scratch: Path) -> list[Ratio]:  # noqa: ARG001 - nothing is written

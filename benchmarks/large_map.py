@@ -7,37 +7,27 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.made_map import MadeMap
 from benchmarks.ratio import Ratio
 from everplace.mapping.calibration import PROVISIONAL, place_posterior
 from everplace.mapping.frame_graph import FrameGraph
 from everplace.mapping.place_scores import PlaceFrames
 from everplace.mapping.place_search import PlaceSearch
-from everplace.match.similarity import directions
 
-PLACES, DRIVES, NUMBERS, QUERIES, BEST = 75_000, 4, 96, 200, 10
-_ALIKE = 0.85
+PLACES, DRIVES, QUERIES, BEST = 75_000, 4, 200, 10
 
 
 def measure(scratch: Path) -> list[Ratio]:  # noqa: ARG001
-    rng = np.random.default_rng(0)
-    views = rng.normal(size=(PLACES, NUMBERS)).astype(np.float32)
-    for place in range(1, PLACES):  # neighbours look alike
-        views[place] = _ALIKE * views[place - 1] + np.sqrt(1 - _ALIKE**2) * views[place]
-    views *= np.arange(1, NUMBERS + 1, dtype=np.float32) ** -0.35
-
-    def seen(places: np.ndarray, noise: float) -> np.ndarray:
-        rows = views[places] + noise * views.std() * rng.normal(size=(len(places), NUMBERS)).astype(np.float32)
-        return directions(rows)
-
+    made = MadeMap(PLACES, DRIVES)
+    vectors = made.vectors
     order = PlaceFrames(np.tile(np.arange(PLACES), DRIVES), np.tile(np.arange(PLACES, dtype=float), DRIVES))
-    vectors = seen(np.repeat(np.arange(PLACES), DRIVES), 0.5)
     start = time.perf_counter()
     graph = FrameGraph.build(vectors)
     built = time.perf_counter() - start
     searches = PlaceSearch(vectors, order), PlaceSearch(vectors, order, graph)
     seconds: tuple[list[float], list[float]] = ([], [])
     recall, off = [], []
-    for vector in seen(rng.integers(0, PLACES, QUERIES), 1.2):
+    for vector in made.queries(QUERIES):
         found = []
         for search, spent in zip(searches, seconds, strict=True):
             start = time.perf_counter()

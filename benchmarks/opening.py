@@ -11,7 +11,7 @@ from pathlib import Path
 from benchmarks.ratio import Ratio
 
 FRAMES = 1_000_000
-ROUNDS = 3
+ROUNDS = 2
 
 _OPEN = "from everplace.route.route import open_route; work = lambda: open_route(sys.argv[1])"
 _BARE = """

@@ -20,12 +20,13 @@ from everplace.errors import StorageError
 from everplace.files import write_bytes
 from everplace.locking import waiting_turn
 
-__all__ = ["FrameGraph"]
+__all__ = ["EFFORT", "FrameGraph"]
 
 _ENDING = ".hnsw"
 _NEIGHBOURS = 16
 _EFFORT_TO_BUILD = 100
-_EFFORT = 768
+EFFORT = 768
+"""Candidates that a search keeps in view (efSearch)."""
 _DIGEST = 32
 
 
@@ -78,7 +79,11 @@ class FrameGraph:
         return cls.build(vectors)
 
     def nearest(
-        self, vector: NDArray[np.float32], count: int, left_out: NDArray[np.bool_] | None = None
+        self,
+        vector: NDArray[np.float32],
+        count: int,
+        left_out: NDArray[np.bool_] | None = None,
+        effort: int = EFFORT,
     ) -> NDArray[np.int64]:
         """Positions of the frames most alike, best first, as many as were found.
 
@@ -86,10 +91,11 @@ class FrameGraph:
             vector: (D,) of length 1.
             count: How many are wanted.
             left_out: (N,) frames that do not count; the more there are, the longer it takes.
+            effort: Candidates kept in view, at least `count` of them.
         """
         import faiss
 
-        parameters = faiss.SearchParametersHNSW(efSearch=max(_EFFORT, count))
+        parameters = faiss.SearchParametersHNSW(efSearch=max(effort, count))
         if left_out is not None:
             shown = np.packbits(~left_out, bitorder="little")
             parameters.efSearch += int(left_out.sum())  # they are met on the way, and may be the nearest
