@@ -23,7 +23,7 @@ from everplace.errors import ConfigError, DescriptorsError, ImageError, MachineE
 from everplace.mapping.route_map import Map
 from everplace.route.folder import open_traverse
 
-pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::DeprecationWarning:ray")]
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
 
 
 @pytest.fixture(scope="module")
