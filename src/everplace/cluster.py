@@ -23,7 +23,7 @@ _CONNECT_SECONDS = 10
 def require_ray() -> None:
     """Raises MissingExtraError if Ray is not installed."""
     if importlib.util.find_spec("ray") is None:
-        raise MissingExtraError("--engine ray", "ray")
+        raise MissingExtraError("the engine ray", "ray")
 
 
 def map_on_cluster(prepare: Callable[[], Callable[[T], R]], blocks: Iterable[T]) -> Iterator[R]:
@@ -82,8 +82,8 @@ def _require_reachable(address: str) -> None:
     except (OSError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or error
         raise MachineError(
-            f"the Ray cluster at {address}, which RAY_ADDRESS names, cannot be reached ({reason}); start it with `ray "
-            "start --head`, or unset RAY_ADDRESS to use this machine"
+            f"the Ray cluster at {address}, which RAY_ADDRESS names, cannot be reached ({reason}); start it, or "
+            "unset RAY_ADDRESS to use this machine"
         ) from None
 
 
