@@ -30,7 +30,7 @@ from everplace.render.rendered_route import render_route
 __all__ = ["main"]
 
 _NAME = "winter"
-_PAUSE = 0.5
+_PAUSE = 3.0  # of a reader: twenty of them leave the writers some processor time
 
 
 def main(arguments: list[str]) -> None:

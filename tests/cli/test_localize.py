@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 from tests.cli.test_main import call, refused
 from tests.forked import ForkedProcess
 from tests.mapping.drives import images_of, write_video
@@ -107,6 +108,24 @@ def test_a_precision_keeps_the_sure_ones(
     assert [row["frame"] for row in kept] == [line["frame"] for line in found if line["accepted"]]
     accepted = [line["probability"] for line in found if line["accepted"]]
     assert min(accepted) >= max((line["probability"] for line in found if not line["accepted"]), default=0)
+
+
+def test_frames_that_are_not_sure_shift_no_number(
+    unchanged_three_map: Path, unchanged_rendered_route: Path, tmp_path: Path
+) -> None:
+    drive = tmp_path / "drive"
+    drive.mkdir()
+    for number, path in enumerate(sorted((unchanged_rendered_route / "winter").iterdir())[:40]):
+        shown = np.zeros((32, 64, 3), np.uint8) if 15 <= number < 25 else images_of(path.parent)[number]
+        Image.fromarray(shown).save(drive / path.name)
+    options = (unchanged_three_map, drive, "--sequence", "off", "--precision", "0.9")
+    accepted = [number for number, line in enumerate(lines(*options)) if line["accepted"]]
+    assert accepted[-1] > len(accepted)
+    _, trajectory, _ = call("localize", *options, "--format", "tum")
+    assert [float(row.split()[0]) for row in trajectory.splitlines()] == accepted
+    _, graph, _ = call("localize", *options, "--format", "g2o")
+    seen = [int(row.split()[2]) for row in graph.splitlines() if row.startswith("EDGE")]
+    assert seen == [2 * number + 1 for number in accepted]
 
 
 @pytest.mark.parametrize("form", ["csv", "tum", "g2o", "hloc-pairs"])

@@ -41,8 +41,8 @@ def text(form: str, located: list[tuple[str, MapAnswer]]) -> str:
     """What a file of the format holds."""
     with tempfile.TemporaryDirectory() as directory:
         with answer_file(Path(directory, "file"), FORMATS[form]) as answers:
-            for frame, answer in located:
-                answers.add(frame, answer)
+            for number, (frame, answer) in enumerate(located):
+                answers.add(number, frame, answer)
         return Path(directory, "file").read_bytes().decode()
 
 
@@ -89,7 +89,7 @@ def test_g2o_is_read_back_as_a_graph() -> None:
 
 def test_pairs_for_hloc_name_two_images(tmp_path: Path) -> None:
     with answer_file(tmp_path / "pairs.txt", FORMATS["hloc-pairs"]) as answers:
-        answers.add("w1.png", replace(ANSWER, drive="summer"))
+        answers.add(0, "w1.png", replace(ANSWER, drive="summer"))
     found: dict[str, list[str]] = {}
     for line in (tmp_path / "pairs.txt").read_text().rstrip("\n").split("\n"):  # as hloc's parse_retrieval reads it
         query, database = line.split()
@@ -107,7 +107,7 @@ def test_without_frames_there_is_nothing(form: str) -> None:
 def test_rows_leave_memory_as_they_come(tmp_path: Path, form: str) -> None:
     with answer_file(tmp_path / "file", FORMATS[form]) as answers:
         for number in range(1000):
-            answers.add(str(number), ANSWER)
+            answers.add(number, str(number), ANSWER)
         (part,) = tmp_path.iterdir()
         assert part.name != "file"
         assert part.stat().st_size > 10_000
@@ -117,7 +117,7 @@ def test_rows_leave_memory_as_they_come(tmp_path: Path, form: str) -> None:
 @pytest.mark.parametrize("form", list(FORMATS))
 def test_half_a_row_is_cut_off(tmp_path: Path, form: str) -> None:
     with answer_file(tmp_path / "file", FORMATS[form]) as answers:
-        answers.add("1", ANSWER)
+        answers.add(0, "1", ANSWER)
         answers._file.write(b"half")  # as where Ctrl-C comes while a row is written
     assert (tmp_path / "file").read_text() == text(form, [("1", ANSWER)])
 
@@ -128,7 +128,7 @@ def test_what_fails_leaves_nothing(tmp_path: Path) -> None:
         pytest.raises(ZeroDivisionError),
         answer_file(tmp_path / "file", FORMATS["csv"]) as answers,
     ):
-        answers.add(str(1 // 0), ANSWER)
+        answers.add(1 // 0, "1", ANSWER)
     assert [path.read_text() for path in tmp_path.iterdir()] == ["before"]
     with (
         pytest.raises(StorageError, match="cannot write .*none.*; free space or choose another place"),

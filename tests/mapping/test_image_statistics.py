@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from everplace.mapping.image_statistics import STATISTICS, image_statistics
+from everplace.mapping.image_statistics import STATISTICS, image_statistics, shows_nothing
 
 RNG = np.random.default_rng(0)
 
@@ -46,3 +46,12 @@ def test_darkness_and_noise_are_told() -> None:
     smooth = image_statistics(np.full_like(image, 120))[0].reshape(4, 8)
     assert (dark[:, 0] < light[:, 0]).all()
     assert (smooth[:, 3] < light[:, 3]).all()
+
+
+@pytest.mark.parametrize("grey", [0, 7, 128, 255])
+def test_one_grey_with_a_little_noise_shows_nothing(grey: int) -> None:
+    noise = np.random.default_rng(0).integers(-1, 2, (1, 64, 128, 3))
+    frame = np.clip(grey + noise, 0, 255).astype(np.uint8)
+    assert shows_nothing(image_statistics(frame)[0])
+    frame[:, 40:60] = np.linspace(0, 30, 128).astype(np.uint8)[:, None]
+    assert not shows_nothing(image_statistics(frame)[0])

@@ -56,6 +56,26 @@ def test_probabilities_are_probabilities_also_of_what_is_no_place(unchanged_thre
             json.dumps(answer.to_dict(), allow_nan=False)
 
 
+@pytest.mark.parametrize("grey", [0, 128, 254])
+def test_a_covered_lens_is_at_no_place(
+    unchanged_three_map: Path, unchanged_summer_map: Path, unchanged_rendered_route: Path, grey: int
+) -> None:
+    noise = np.random.default_rng(0).integers(-1, 2, (20, 64, 128, 3))
+    covered = np.clip(grey + noise, 0, 255).astype(np.uint8)
+    for address in (unchanged_three_map, unchanged_summer_map):
+        assert Localizer(address, sequence=1).locate(covered[0]).probability < 0.1
+        localizer = Localizer(address)
+        winter = images_of(unchanged_rendered_route / "winter")
+        driven = [localizer.locate(image).probability for image in winter[10:20]]
+        while_covered = [localizer.locate(image).probability for image in covered]
+        assert driven[-1] > 0.5
+        assert while_covered[-1] < 0.1  # it may be anywhere by now
+        assert while_covered[-1] < while_covered[4] < driven[-1]
+        after = [localizer.locate(image) for image in winter[40:50]][-1]
+        assert abs(after.place - 49) <= 1
+        assert after.probability > 0.5
+
+
 def test_frames_of_any_size_grey_or_in_colour(unchanged_three_map: Path, unchanged_rendered_route: Path) -> None:
     image = images_of(unchanged_rendered_route / "autumn")[25]
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from everplace.mapping.localizer import Localizer
     from everplace.mapping.map_answer import Observation
 
-    Sink = Callable[[SeenFrame, Observation, bool], None]
-    """Takes a frame, what was answered, and whether that is sure enough."""
+    Sink = Callable[[int, SeenFrame, Observation, bool], None]
+    """Takes a frame's number and the frame, what was answered, and whether that is sure enough."""
 
 __all__ = ["localize"]
 
@@ -89,10 +89,12 @@ def localize(
             sinks.append(_printing(marked=precision is not None))
         if out is not None or not json_lines:
             written = outputs.enter_context(answer_file(out or STANDARD_OUTPUT, FORMATS[file_format]))
-            sinks.append(lambda frame, seen, sure: written.add(frame.stem, seen.answer) if sure else None)
+            sinks.append(
+                lambda number, frame, seen, sure: written.add(number, frame.stem, seen.answer) if sure else None
+            )
         if rerun is not None:
             recording = outputs.enter_context(rerun_recording(rerun, localizer))
-            sinks.append(lambda frame, seen, _: recording.add(frame, seen))
+            sinks.append(lambda _, frame, seen, __: recording.add(frame, seen))
         counted, stopped = _answer(localizer, frames, excluded, least, sinks)
     if localizer.provisional:
         warn(
@@ -137,7 +139,7 @@ def _answer(
             seen = localizer.observe(frame.image, frame.seconds, excluded=left_out)
             sure = seen.answer.probability >= least
             for sink in sinks:
-                sink(frame, seen, sure)
+                sink(number, frame, seen, sure)
             counted[sure] += 1
     except KeyboardInterrupt:
         if not counted:
@@ -149,7 +151,7 @@ def _answer(
 def _printing(*, marked: bool) -> Sink:
     """Prints an answer as a line of JSON; `marked`: with whether it is sure."""
 
-    def show(frame: SeenFrame, seen: Observation, sure: bool) -> None:
+    def show(_: int, frame: SeenFrame, seen: Observation, sure: bool) -> None:
         line = {"frame": frame.stem, **seen.answer.to_dict()}
         if marked:
             line["accepted"] = sure

@@ -23,8 +23,8 @@ class AnswerFormat(NamedTuple):
 
     Attributes:
         head: What stands first.
-        row: Text of one frame, of how many are written before it, its name (a file's stem, or its number in a video)
-            and the answer; it may be empty.
+        row: Text of one frame, of its number in the drive, its name (a file's stem, or its number in a video) and the
+            answer; it may be empty.
     """
 
     head: str
@@ -37,14 +37,19 @@ class AnswerFile:
     def __init__(self, file: BinaryIO, form: AnswerFormat) -> None:
         """Begins with the head of a format."""
         self._file, self._form = file, form
-        self._answers = 0
         self._end = file.write(_encoded(form.head))
 
-    def add(self, frame: str, answer: MapAnswer) -> None:
-        """Writes what a frame's name and answer are in the format."""
-        text = _encoded(self._form.row(self._answers, frame, answer))
+    def add(self, number: int, frame: str, answer: MapAnswer) -> None:
+        """Writes an answer.
+
+        Args:
+            number: Of the frame in its drive, from 0, whether the frames before it are written or not.
+            frame: Its name.
+            answer: What the map says of it.
+        """
+        text = _encoded(self._form.row(number, frame, answer))
         self._file.write(text)
-        self._answers, self._end = self._answers + 1, self._end + len(text)
+        self._end += len(text)
 
     def finish(self) -> None:
         """Cuts off what Ctrl-C left of a row."""
@@ -84,7 +89,7 @@ def _csv_row(_: int, frame: str, answer: MapAnswer) -> str:
 def _tum_row(number: int, _: str, answer: MapAnswer) -> str:
     """A trajectory in TUM's format: `time x y z qx qy qz qw`, of the frames whose place has a pose.
 
-    Where a frame has no time, its number stands for it.
+    Where a frame has no time, its number in the drive stands for it.
     """
     pose = answer.pose
     if pose is None:
@@ -97,7 +102,7 @@ def _tum_row(number: int, _: str, answer: MapAnswer) -> str:
 def _g2o_row(number: int, _: str, answer: MapAnswer) -> str:
     """Loop closures in g2o's format: a fixed vertex for each place of the map, and an edge to each frame that is there.
 
-    Vertex 2k is the pose of the k-th frame's place, 2k + 1 the frame. An edge says that the two are at the same place,
+    Vertex 2k is the pose of the place of frame k, 2k + 1 the frame. An edge says that the two are at the same place,
     with an information that grows with the odds of the match.
     """
     pose = answer.pose

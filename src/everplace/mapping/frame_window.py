@@ -68,7 +68,10 @@ class FrameWindow:
         """
         shown = likelihood_ratios(standardised(scores), self._model)
         view = View.of(shown)
-        if self._views and change_in_steps(self._views[-1].view, view) < self._model.repeat:
+        # That two frames show nothing does not mean that the robot stands.
+        known = scores[np.isfinite(scores)]
+        blind = bool((known == known[:1]).all())
+        if self._views and not blind and change_in_steps(self._views[-1].view, view) < self._model.repeat:
             self._go_on()
         else:
             self._see(np.asarray(scores, np.float64), shown, view)

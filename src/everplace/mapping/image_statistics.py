@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["STATISTICS", "image_statistics"]
+__all__ = ["STATISTICS", "image_statistics", "shows_nothing"]
 
 _BANDS = 4
 STATISTICS = 8 * _BANDS
 _GREY = np.array([0.299, 0.587, 0.114], np.float32)
 _DARKEST = np.float32(0.003)
 """Added before a logarithm: about one step of 8 bits."""
+_BLANK = np.float32(4 / 255)
+"""Range of the grey values in a band below which it shows nothing."""
 
 
 def image_statistics(images: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -48,3 +50,13 @@ def image_statistics(images: NDArray[np.uint8]) -> NDArray[np.float32]:
             np.log((red_green.std(axis=(1, 2)) + blue_yellow.std(axis=(1, 2))) / 2 + _DARKEST),
         ]
     return np.stack(numbers, axis=1).astype(np.float32)
+
+
+def shows_nothing(statistics: NDArray[np.float32]) -> bool:
+    """Whether a frame is of one grey nearly everywhere, as with a covered lens; its noise is no place.
+
+    Args:
+        statistics: (32,) of `image_statistics`.
+    """
+    bands = statistics.reshape(_BANDS, -1)
+    return bool((bands[:, 2] - bands[:, 1] < _BLANK).all())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import os
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from everplace.mapping.calibration import place_posterior
 from everplace.mapping.described_drive import how_it_looks
 from everplace.mapping.frame_graph import FrameGraph
 from everplace.mapping.frame_window import MAP_MODEL, SEQUENCE, FrameWindow, state_width
+from everplace.mapping.image_statistics import shows_nothing
 from everplace.mapping.map_answer import MapAnswer, Observation, PlaceMatch
 from everplace.mapping.place_scores import PlaceFrames
 from everplace.mapping.place_search import PlaceSearch
@@ -205,6 +207,8 @@ class Localizer:
             drive, number, distance = excluded
             left_out = (self._drives == drive) & (np.abs(self._numbers - number) < distance)
         found = self._search.scores(vector, left_out)
+        if shows_nothing(looks):  # equal scores say nothing of the place
+            found = replace(found, places=np.where(np.isnan(found.places), found.places, np.float32(0)))
         posterior, off = self._posterior(found.places)
         posterior = np.where(np.isnan(found.places), 0, posterior)  # though frames before lead there
 
