@@ -74,20 +74,7 @@ def _of_size(frames: int, scratch: Path) -> list[Ratio]:
         ms, recall = _each(by(effort), asked, known)
         named = f"{what}, efSearch {effort} ({kind})"
         rows += [
-            Ratio(
-                f"{named}: recall@{BEST}",
-                f"{recall:.4f} of the {BEST} best",
-                "the exact search",
-                recall,
-                at_least=RECALL,
-            ),
-            Ratio(
-                f"{named}: p99",
-                _told(ms),
-                f"{P99_MS:.0f} ms; exact {_told(exact_ms)}",
-                float(np.percentile(ms[0], 99)) / P99_MS,
-                at_most=1.0,
-            ),
+            *_found(named, recall, f"{recall:.4f} of the {BEST} best", ms, f"{P99_MS:.0f} ms; exact {_told(exact_ms)}"),
         ]
     return [*rows, *_by_lists(made.vectors, queries, best)]
 
@@ -109,21 +96,15 @@ def _by_lists(vectors: NDArray[np.float32], queries: NDArray[np.float32], best: 
     enough = (probes for probes in PROBES if _each(by(probes), queries[:half], best[:half])[1] >= RECALL)
     probes = next(enough, ALL_LISTS)
     ms, recall = _each(by(probes), queries[half:], best[half:])
+    named = f"{len(vectors):,} frames by {probes} of {ALL_LISTS} lists"
+    return _found(named, recall, f"{recall:.4f} of the {BEST} best (built in {built:.0f} s)", ms, f"{P99_MS:.0f} ms")
+
+
+def _found(named: str, recall: float, told: str, ms: NDArray[np.float64], against: str) -> list[Ratio]:
+    """What a way of searching finds, and how fast."""
     return [
-        Ratio(
-            f"{len(vectors):,} frames by {probes} of {ALL_LISTS} lists: recall@{BEST}",
-            f"{recall:.4f} of the {BEST} best (built in {built:.0f} s)",
-            "the exact search",
-            recall,
-            at_least=RECALL,
-        ),
-        Ratio(
-            f"{len(vectors):,} frames by {probes} of {ALL_LISTS} lists: p99",
-            _told(ms),
-            f"{P99_MS:.0f} ms",
-            float(np.percentile(ms[0], 99)) / P99_MS,
-            at_most=1.0,
-        ),
+        Ratio(f"{named}: recall@{BEST}", told, "the exact search", recall, at_least=RECALL),
+        Ratio(f"{named}: p99", _told(ms), against, float(np.percentile(ms[0], 99)) / P99_MS, at_most=1.0),
     ]
 
 

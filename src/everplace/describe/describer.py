@@ -191,14 +191,14 @@ class Describer(ABC):
         source: Path | None = None
         if isinstance(images, Traverse):
             names, image_names = images.stems, tuple(map(operator.add, images.stems, images.endings))
-            decoded, source = decode_images(images.paths, self.image), images.root
+            described, source = self.rows_of_files(images.paths, batch), images.root
         else:
             arrays = [images] if isinstance(images, np.ndarray) else images
             names = tuple(map(str, range(len(arrays))))
-            decoded = (convert_image(array, self.image) for array in arrays)
+            described = self.rows((convert_image(array, self.image) for array in arrays), batch)
         if not names:
             raise RouteError("there are no images to describe; choose a directory or frames that hold some")
-        rows = progress(self.rows(decoded, batch), "describing", len(names))
+        rows = progress(described, "describing", len(names))
         return PassingDescriptors(iter(rows), len(names), names, image_names, source)
 
     def map_blocks(self, work: Callable[[Describer, T], R], blocks: Iterable[T]) -> Iterator[R]:
@@ -212,6 +212,15 @@ class Describer(ABC):
             The results, in the order of the blocks.
         """
         return (work(self, block) for block in blocks)
+
+    def rows_of_files(self, paths: Sequence[Path], batch: int) -> Iterator[NDArray[np.float32]]:
+        """Yields what `rows` does of image files.
+
+        Raises:
+            ImageError: One cannot be decoded.
+            DescriptorsError: As `rows`.
+        """
+        return self.rows(decode_images(paths, self.image), batch)
 
     def rows(self, images: Iterator[NDArray[np.uint8]], batch: int) -> Iterator[NDArray[np.float32]]:
         """Yields the (D,) descriptor of every image, which are as `image` says, in batches of at most `batch`.

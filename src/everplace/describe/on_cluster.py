@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import operator
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
@@ -20,8 +20,7 @@ from everplace.describe.files.descriptors import Settings
 from everplace.describe.recorded_frames import RecordedFrames, is_recording
 from everplace.describe.reduced import reduced
 from everplace.describe.registry import open_describer
-from everplace.errors import ConfigError, MethodError, RouteError
-from everplace.images.decoding import decode_images
+from everplace.errors import ConfigError, MethodError
 from everplace.progress import Progress, quiet
 from everplace.route.traverse import Traverse
 
@@ -91,25 +90,20 @@ class ClusterDescriber(Describer):
         """
         if not isinstance(images, Traverse):
             raise ConfigError(_FILES_ALONE)
-        images = replace(images, root=images.root.absolute())
-        size = self.batch if batch is None else batch
-        if size < 1:
-            raise ConfigError(f"a batch of {size} images is not possible; give at least 1")
-        if not len(images):
-            raise RouteError("there are no images to describe; choose a directory or frames that hold some")
-        paths = images.paths
-        blocks = [paths[start : start + size * _BATCHES] for start in range(0, len(paths), size * _BATCHES)]
-        parts = self.map_blocks(partial(_described, batch=size), blocks)
-        rows = progress((row for part in parts for row in part), "describing", len(paths))
-        names = tuple(map(operator.add, images.stems, images.endings))
-        return PassingDescriptors(iter(rows), len(paths), images.stems, names, images.root)
+        return super().describe_passing(replace(images, root=images.root.absolute()), batch=batch, progress=progress)
+
+    def rows_of_files(self, paths: Sequence[Path], batch: int) -> Iterator[NDArray[np.float32]]:
+        """As `Describer.rows_of_files`, on the cluster."""
+        size = batch * _BATCHES
+        blocks = [paths[start : start + size] for start in range(0, len(paths), size)]
+        return chain.from_iterable(self.map_blocks(partial(_described, batch=batch), blocks))
 
 
-def open_with(engine: Engine, method: str, progress: Progress = quiet) -> Describer:
-    """Opens a method as `open_describer` does, to describe here or on a cluster."""
-    return (
-        open_describer(method, progress=progress) if engine == "local" else ClusterDescriber(method, progress=progress)
-    )
+def open_with(engine: Engine, method: str, progress: Progress = quiet, *, for_maps: bool = False) -> Describer:
+    """Opens a method as `open_describer` does, to describe here or on a cluster; `for_maps` as `ClusterDescriber`."""
+    if engine == "ray":
+        return ClusterDescriber(method, for_maps=for_maps, progress=progress)
+    return _opened(method, for_maps, progress)
 
 
 def seen_by_all(source: Traverse | str | os.PathLike[str]) -> Traverse | Path:
@@ -145,4 +139,4 @@ def _prepared(
 
 def _described(describer: Describer, paths: Sequence[Path], batch: int) -> NDArray[np.float32]:
     """N×D of image files, in the batches in which one machine describes them."""
-    return np.stack(list(describer.rows(decode_images(paths, describer.image), batch)))
+    return np.stack(list(describer.rows_of_files(paths, batch)))

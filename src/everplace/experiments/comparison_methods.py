@@ -70,8 +70,6 @@ def select_tested(
     """
     if not methods:
         raise ConfigError("`methods` names no method; give run directories, sad, hog, ..., separated by commas")
-    if fit_frames:
-        parse_frames(fit_frames, _FIT_FRAMES)
     fitted = [method for method in methods if method in FITTED_METHODS]
     if route.matched_by_stem:
         tested = select_maps(route, selection, progress)

@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from everplace.choices import Engine
-from everplace.describe.on_cluster import ClusterDescriber, seen_by_all
-from everplace.describe.reduced import reduced
-from everplace.describe.registry import open_describer
+from everplace.describe.on_cluster import ClusterDescriber, open_with, seen_by_all
 from everplace.errors import ConfigError, EverplaceError, MapError, StoppedError, StorageError
 from everplace.files import filled_directory, readable
 from everplace.mapping.described_drive import describe_drive
@@ -122,11 +120,11 @@ class Map(MapVersion):
         tables = _connected(address)
         with one_writer(address):
             require_free(tables)
-            describer = reduced(open_describer(method or default_method(), progress=progress))
+            asked = open_with(engine, method or default_method(), progress, for_maps=True)
+            describer = asked.plain if isinstance(asked, ClusterDescriber) else asked
             require_standardisable(describer.method, describer.metric)
             source = open_drive(drive if engine == "local" else seen_by_all(drive), fixes=poses is None)
             name = name or source.name
-            asked = describer if engine == "local" else ClusterDescriber(method or default_method(), for_maps=True)
             described = describe_drive(source, asked, progress, in_other_light=True)
             if len(described) < 3:
                 raise MapError(f"the drive {name!r} has {len(described)} frames; a map needs 3 or more")
